@@ -13,6 +13,8 @@ NUM_WORKERS ?= 2
 # A worker takes whole modules, in the order of tests/conftest.py and not by their number of tests.
 PYTEST := $(RUN) -m pytest -n $(NUM_WORKERS) --dist loadscope --no-loadscope-reorder
 
+# Tests start hundreds of Pythons: without bytecode on disk each compiles the package again.
+unexport PYTHONDONTWRITEBYTECODE
 # One thread for each test worker: more would only wait for one another.
 export OMP_NUM_THREADS := 1
 

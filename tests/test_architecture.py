@@ -4,13 +4,12 @@ Each test checks all files and lists every violation as "file:line: what".
 """
 
 import ast
-import copy
 import functools
 import graphlib
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -82,7 +81,7 @@ def relative(path: Path) -> str:
 
 @functools.cache
 def read_tree(path: Path) -> ast.Module:
-    """All rules read the same tree: copy it before a change."""
+    """All rules read the same tree."""
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
 
 
@@ -101,11 +100,19 @@ def name_is_module(name: str) -> bool:
     return location.is_dir() or location.with_suffix(".py").is_file()
 
 
-def list_imports(path: Path, tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Lines and full names of all imports in `tree`: all three spellings, at any depth, and by
-    string.
-    """
-    for node in ast.walk(tree):
+@functools.cache
+def list_nodes(path: Path) -> list[ast.AST]:
+    return list(ast.walk(read_tree(path)))
+
+
+def called_name(node: ast.Call) -> str:
+    """The last part of the name of what is called; "" for what has none."""
+    return getattr(node.func, "attr", getattr(node.func, "id", ""))
+
+
+def list_imports(path: Path, nodes: Iterable[ast.AST]) -> Iterator[tuple[int, str]]:
+    """Lines and full names of all imports among `nodes`: all three spellings, and by string."""
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -114,14 +121,14 @@ def list_imports(path: Path, tree: ast.AST) -> Iterator[tuple[int, str]]:
                 full_name = f"{source}.{alias.name}"
                 yield node.lineno, full_name if name_is_module(full_name) else source
         elif isinstance(node, ast.Call) and node.args:
-            called = ast.unparse(node.func).rpartition(".")[2]
             first = node.args[0]
-            if called in {"import_module", "__import__"} and isinstance(first, ast.Constant):
+            is_import = called_name(node) in {"import_module", "__import__"}
+            if is_import and isinstance(first, ast.Constant):
                 yield node.lineno, str(first.value)
 
 
-def imported_modules(path: Path, tree: ast.AST) -> set[str]:
-    return {name for _, name in list_imports(path, tree)}
+def imported_modules(path: Path, nodes: Iterable[ast.AST]) -> set[str]:
+    return {name for _, name in list_imports(path, nodes)}
 
 
 def absolute_source(path: Path, node: ast.ImportFrom) -> str:
@@ -147,7 +154,7 @@ def game_of(module: str) -> str | None:
     return parts[2] if (PACKAGE / "games" / parts[2] / "scenarios.py").is_file() else None
 
 
-def forbidden_imports(path: Path, tree: ast.AST) -> Iterator[tuple[int, str]]:
+def forbidden_imports(path: Path, nodes: Iterable[ast.AST]) -> Iterator[tuple[int, str]]:
     """Imports of the package in `path` that the table does not allow."""
     own = module_name(path)
     room = room_of(own)
@@ -155,46 +162,38 @@ def forbidden_imports(path: Path, tree: ast.AST) -> Iterator[tuple[int, str]]:
         yield 1, f"give {room} a row in MAY_IMPORT"
         return
     allowed = LEAVES | MAY_IMPORT.get(room, set()) | {room}
-    for line, name in list_imports(path, tree):
+    for line, name in list_imports(path, nodes):
         target = room_of(name)
         is_wrong = target == "cli" if own == "marl_cair" else target not in allowed
         if is_wrong and name.split(".")[0] == "marl_cair":
             yield line, name
 
 
-class RuntimeOnly(ast.NodeTransformer):
-    """Drops what only a type checker reads: an annotation may name a class of any library."""
-
-    def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
-        self.generic_visit(node)
-        return node.orelse if "TYPE_CHECKING" in ast.unparse(node.test) else node
-
-
-class AtImport(ast.NodeTransformer):
-    """Drops what is not run when a module is imported."""
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        """Dropped."""
-
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> None:
-        """Dropped."""
+def runtime_nodes(path: Path, leave_out: tuple[type[ast.AST], ...] = ()) -> Iterator[ast.AST]:
+    """Nodes of the file without those of the kinds `leave_out`, and without what only a type
+    checker reads: an annotation may name a class of any library.
+    """
+    left: list[ast.AST] = [read_tree(path)]
+    while left:
+        node = left.pop()
+        yield node
+        is_for_types = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        below = node.orelse if is_for_types else ast.iter_child_nodes(node)
+        left += [child for child in below if not isinstance(child, leave_out)]
 
 
+@functools.cache
 def imports_at_import(path: Path) -> set[str]:
     """Full names of what is imported with the module, not inside its functions."""
-    return imported_modules(path, AtImport().visit(runtime_tree(path)))
-
-
-def runtime_tree(path: Path) -> ast.AST:
-    tree: ast.AST = RuntimeOnly().visit(copy.deepcopy(read_tree(path)))
-    return tree
+    functions = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return imported_modules(path, runtime_nodes(path, leave_out=functions))
 
 
 GAMES_SOURCES = [path for path in SOURCES if path.is_relative_to(PACKAGE / "games")]
 
 
 def test_imports_point_one_way():
-    assert find_violations(SOURCES, lambda path: forbidden_imports(path, read_tree(path))) == []
+    assert find_violations(SOURCES, lambda path: forbidden_imports(path, list_nodes(path))) == []
 
 
 def test_import_rule_sees_every_spelling():
@@ -208,13 +207,13 @@ def test_import_rule_sees_every_spelling():
         "importlib.import_module('marl_cair.training')",
         "from marl_cair import make_engine",
     ):
-        tree = ast.parse(statement)
-        assert list(forbidden_imports(PACKAGE / "policies" / "conv.py", tree)), statement
+        nodes = ast.walk(ast.parse(statement))
+        assert list(forbidden_imports(PACKAGE / "policies" / "conv.py", nodes)), statement
 
 
 def test_game_never_imports_another_game():
     def find(path):
-        for line, name in list_imports(path, read_tree(path)):
+        for line, name in list_imports(path, list_nodes(path)):
             if game_of(name) not in (None, game_of(module_name(path))):
                 yield line, name
 
@@ -224,7 +223,7 @@ def test_game_never_imports_another_game():
 @pytest.mark.slow
 def test_libraries_enter_games_by_their_door_only():
     def find(path):
-        for line, name in list_imports(path, runtime_tree(path)):
+        for line, name in list_imports(path, runtime_nodes(path)):
             doors = GAMES_DOORS.get(name.split(".")[0])
             if doors and path not in {PACKAGE / "games" / door for door in doors}:
                 yield line, name
@@ -332,8 +331,8 @@ def test_nothing_is_left_for_later():
 
 def test_only_the_command_line_prints():
     def find(path):
-        for node in ast.walk(read_tree(path)):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "print":
+        for node in list_nodes(path):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print":
                 yield node.lineno, ast.unparse(node)
 
     others = [path for path in SOURCES if room_of(module_name(path)) != "cli"]
@@ -387,7 +386,7 @@ print(changing)
 @pytest.mark.parametrize("alone", [False, True])
 def test_every_module_imports_without_side_effects(tmp_path, alone):
     modules = [module_name(path) for path in SOURCES if path.name != "__main__.py"]
-    imported = {name for path in SOURCES for name in imported_modules(path, read_tree(path))}
+    imported = {name for path in SOURCES for name in imported_modules(path, list_nodes(path))}
     libraries = sorted(name for name in imported if not name.startswith("marl_cair"))
     names = f"MODULES = {modules}\nLIBRARIES = {libraries}\nALONE = {alone}\n"
     output = run_in(tmp_path, names + IMPORT_EACH)

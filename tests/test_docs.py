@@ -67,14 +67,19 @@ def test_every_page_is_in_the_navigation():
     assert pages <= set(re.findall(r"[\w/]+\.md", navigation))
 
 
-def test_the_picture_shows_the_imports_of_today():
+@pytest.fixture(scope="module")
+def rooms():
+    return read_rooms()
+
+
+def test_the_picture_shows_the_imports_of_today(rooms):
     """`python docs/architecture_picture.py` draws it again."""
-    assert describe(read_rooms()) in PICTURE.read_text("utf-8")
+    assert describe(rooms) in PICTURE.read_text("utf-8")
 
 
-def test_imports_point_down():
-    layer_of = {room: layer for layer, rooms in enumerate(LAYERS) for room in rooms}
-    for name, room in read_rooms().items():
+def test_imports_point_down(rooms):
+    layer_of = {room: layer for layer, names in enumerate(LAYERS) for room in names}
+    for name, room in rooms.items():
         assert room.num_files > 0, name
         assert all(layer_of[target] > layer_of[name] for target in room.imports), name
 

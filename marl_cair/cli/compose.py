@@ -37,6 +37,7 @@ SHORTHANDS = {
     "heldout_map": "evaluation.scenarios.heldout.map",
 }
 GROUPS = ("game", "policy", "opponent", "generator", "recipe")
+CONF_MODULE = "marl_cair.conf"
 CONF = files("marl_cair") / "conf"
 _IN_GROUPS = ("opponent.mixture",)  # the group `opponent` sets it
 _WHOLE_NUMBERS = re.compile(r"\d+(\.\d+)?e\+?\d+", re.IGNORECASE)
@@ -56,8 +57,19 @@ def compose_config(words: Sequence[str]) -> TrainConfig:
         UnknownNameError: no such option or choice; names the nearest.
         ValueError: a word that is no `name=value`, or a value that is not allowed.
     """
-    (job,) = run_hydra(words)
-    return job.config
+    from hydra import compose, initialize_config_module
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    refuse_repeats(words, [full_name(word) for word in words])
+    register(words)
+    try:  # `hydra.main`, which reads flags too, composes twice
+        with initialize_config_module(CONF_MODULE, version_base="1.3"):
+            values: Any = OmegaConf.to_container(compose("train", rewrite(words)), resolve=True)
+    except (HydraException, OmegaConfBaseException) as error:
+        _explain(words, error)
+    return build_config(values)
 
 
 def run_hydra(arguments: Sequence[str]) -> list[Job]:
@@ -79,7 +91,7 @@ def run_hydra(arguments: Sequence[str]) -> list[Job]:
         overrides = HydraConfig.get().overrides.task
         composed.append((OmegaConf.to_container(config, resolve=True), list(overrides)))
 
-    application = hydra.main("pkg://marl_cair.conf", "train", version_base="1.3")(collect)
+    application = hydra.main(f"pkg://{CONF_MODULE}", "train", version_base="1.3")(collect)
     with tempfile.TemporaryDirectory() as scratch:  # Hydra's record of a sweep
         rewritten = [*rewrite(words), f"hydra.sweep.dir={scratch}"]
         try:
@@ -211,7 +223,8 @@ def register(words: Sequence[str]) -> None:
     from hydra.core.config_store import ConfigStore
 
     store = ConfigStore.instance()
-    store.store(name="settings", node=make_schema(TrainConfig))
+    if "settings.yaml" not in store.repo:
+        store.store(name="settings", node=make_schema(TrainConfig))
     for word in words:
         group, _, choices = word.partition("=")
         for choice in choices.split(",") if group in _MORE_CHOICES else ():

@@ -197,8 +197,7 @@ class GateConfig:
 
     min_heldout_rows: int = 200  # below this the standard error of a share is above 3 %
     min_changed_f1: float = 0.6  # a copy scores 0; emptying every cell half if all units move
-    # Of the variance of common rewards: what views hide (exact incomes) cannot be explained.
-    min_reward_explained: float = 0.6
+    min_reward_explained: float = 0.6  # of their variance; what views hide cannot be explained
     max_reward_mae_if_constant: float = 1e-3  # if rewards hardly vary: error of that constant
     min_terminals: int = 10  # fewer held-out ends cannot show the recall: generate no ends
     min_terminal_auc: float = 0.85  # below, P(end) is of little use

@@ -1,6 +1,9 @@
-"""Small rules, and a program that compiles one: prints its module and the places of its arrays."""
+"""Small rules, and a program that compiles each: prints its module and the places of its arrays, or
+why it cannot be compiled, as JSON by name.
+"""
 
 import base64
+import json
 import sys
 
 import numpy as np
@@ -83,21 +86,20 @@ RULES = {
 }
 
 
-def main(name):
-    keep_plain_code()
-    rule, make_arrays = RULES[name]
-    memory, arrays = Memory(), make_arrays()
+def compile_rule(rule, arrays):
+    """The module in base64, with [address, bytes] of each array; or the error."""
+    memory = Memory()
     kernel = Kernel("run", rule, (*arrays, Parameter()))
     try:
         code = compile_object([kernel], memory.find, exact=["run"])
         module = make_module(code, ["run"], memory.list_segments(), 1 << 20, "")
     except ValueError as error:
-        print(error)  # noqa: T201
-        return
-    print(base64.b64encode(module).decode())  # noqa: T201
-    for array in arrays:
-        print(memory.find(array), array.nbytes)  # noqa: T201
+        return str(error)
+    places = [(memory.find(array), array.nbytes) for array in arrays]
+    return base64.b64encode(module).decode(), places
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    keep_plain_code()
+    made = {name: compile_rule(rule, make_arrays()) for name, (rule, make_arrays) in RULES.items()}
+    json.dump(made, sys.stdout)

@@ -1,5 +1,6 @@
 """Rules as WebAssembly give what they give in Python: sums, shares, arrays of all shapes."""
 
+import json
 import math
 import subprocess
 import sys
@@ -24,19 +25,19 @@ RUN = """async ([code, arrays]) => {
 }"""
 
 
-def compile_small(name):
-    """The module of a rule of small_rules.py and the places of its arrays, or the error."""
-    command = [sys.executable, small_rules.__file__, name]
+@pytest.fixture(scope="module")
+def modules():
+    """What small_rules.py prints: it changes numba in its process."""
+    command = [sys.executable, small_rules.__file__]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.stdout, done.stderr
-    return done.stdout.splitlines()
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 @pytest.mark.parametrize("name", ["count", "divide", "fill", "flatten", "wrap"])
-def test_a_rule_writes_what_it_writes_in_python(browser, name):
+def test_a_rule_writes_what_it_writes_in_python(browser, modules, name):
     rule, arrays = small_rules.RULES[name]
-    code, *places = compile_small(name)
-    places = [[int(number) for number in place.split()] for place in places]
+    code, places = modules[name]
     expected = [array.copy() for array in arrays()]
     with np.errstate(over="ignore"):
         rule.py_func(*expected, 3)
@@ -46,17 +47,16 @@ def test_a_rule_writes_what_it_writes_in_python(browser, name):
     assert [bytes(content) for content in found] == [array.tobytes() for array in expected]
 
 
-def test_a_rule_may_not_call_what_browsers_round_differently():
-    (error,) = compile_small("logarithm")
-    assert error == (
+def test_a_rule_may_not_call_what_browsers_round_differently(modules):
+    assert modules["logarithm"] == (
         "the rules call log2, whose last bit differs from one browser to another: write them "
         "without, or with a table"
     )
 
 
-def test_a_rule_may_not_call_what_a_page_does_not_have():
-    (error,) = compile_small("sine")
-    assert error == "the rules call sin, which WebAssembly does not have: write them without"
+def test_a_rule_may_not_call_what_a_page_does_not_have(modules):
+    expected = "the rules call sin, which WebAssembly does not have: write them without"
+    assert modules["sine"] == expected
 
 
 def test_without_the_compiler_nothing_is_compiled(monkeypatch):

@@ -47,12 +47,14 @@ PLAY = """async ([first, count]) => {
   }
   return games;
 }"""
-PICTURE = """async ([seed, actions, seat, name]) => {
+PICTURES = """async ([seed, actions, seat, names]) => {
   const { Rules } = await import("./rules.js");
   const rules = await Rules.load("rules.wasm");
   rules.reset(seed);
   for (const chosen of actions) rules.step(chosen);
-  return Array.from(rules.observe(name, seat));
+  const seen = names.map((name) => rules.observe(name, seat).slice());
+  const hashes = await Promise.all(seen.map((one) => crypto.subtle.digest("SHA-256", one)));
+  return hashes.map((one) => Array.from(new Uint8Array(one)));
 }"""
 QUICK, SLOW = 20, 1_000
 GAME_NAMES = ("deep_line_wars", "deep_maze", "deep_rts", "flappy_bird")
@@ -92,7 +94,7 @@ def check_games(browser, folder, name, num_games):
                 check_game(played, engine, bot)
 
 
-@pytest.mark.parametrize("name", ["deep_line_wars", "deep_maze", "flappy_bird"])
+@pytest.mark.parametrize("name", ["deep_line_wars", "flappy_bird"])  # all games: slow, below
 def test_games_end_in_the_state_of_python(browser, folders, name):
     check_games(browser, folders(name), name, QUICK)
 
@@ -103,8 +105,7 @@ def test_a_thousand_games_end_in_the_state_of_python(browser, folders, name):
     check_games(browser, folders(name), name, SLOW)
 
 
-@pytest.mark.parametrize("seat", [0, 1])
-def test_the_picture_is_that_of_python(browser, folders, seat):
+def test_the_picture_is_that_of_python(browser, folders):
     game = GAMES["deep_line_wars"]
     engine = BatchedEngine(game, game.scenario())
     engine.reset(3)
@@ -115,9 +116,11 @@ def test_the_picture_is_that_of_python(browser, folders, seat):
         actions.append(chosen.tolist())
         engine.step(chosen[None])
     with serve(folders(game.name)) as address, open_page(browser, address) as page:
-        for name, shown in (("picture", "image"), ("vector", "vector")):
-            seen = page.evaluate(PICTURE, [3, actions, seat, name])
-            np.testing.assert_array_equal(seen, engine.observe(shown)[0, seat].ravel())
+        for seat in range(engine.num_players):
+            seen = page.evaluate(PICTURES, [3, actions, seat, ["picture", "vector"]])
+            for found, shown in zip(seen, ("image", "vector"), strict=True):
+                expected = engine.observe(shown)[0, seat].tobytes()
+                assert bytes(found) == hashlib.sha256(expected).digest(), (shown, seat)
 
 
 def test_the_state_between_two_steps_is_shown_and_forgotten(browser, folders):

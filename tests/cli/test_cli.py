@@ -33,6 +33,7 @@ SMALL = (
     *("scenario=11x11", "max_ticks=300", "torch_threads=1", "collector.num_worlds=16"),
     *("collector.steps_per_batch=8", "replay.min_transitions=200", "learner.batch_size=32"),
     *("replay.capacity_transitions=3000", "policy.hidden_width=16"),
+    *("generator.model.size.channels=4", "generator.model.size.depth=1"),
     *("evaluation.every_frames=1024", "evaluation.games=2"),
 )
 

@@ -63,7 +63,7 @@ def recorded():
     return {name: np.concatenate(rows) for name, rows in seen.items()}, np.concatenate(masks)
 
 
-SLOW = {*SIZES} - {"conv", "mlp", "naf"}  # to export
+SLOW = {*SIZES} - {"conv", "naf"}  # to export
 
 
 @pytest.mark.parametrize(

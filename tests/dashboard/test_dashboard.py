@@ -1,6 +1,7 @@
 """The dashboard: its numbers, what its server answers, and the page in a real browser."""
 
 import json
+import shutil
 import sys
 from http.client import HTTPConnection
 from urllib.parse import urlsplit
@@ -36,9 +37,21 @@ def make_run(folder, *words, rows=ROWS):
     return folder
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder of two runs; Hydra takes half a second for each."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name in ("conv", "capsule"):
+        make_run(folder / name, f"policy={name}")
+    return folder
+
+
 @pytest.fixture
-def runs(tmp_path):
-    return {name: make_run(tmp_path / name, f"policy={name}") for name in ("conv", "capsule")}
+def runs(made, tmp_path):
+    return {
+        folder.name: shutil.copytree(folder, tmp_path / folder.name)
+        for folder in sorted(made.iterdir(), reverse=True)
+    }
 
 
 def get(address, path, **headers):

@@ -1,6 +1,7 @@
 """Experiments end to end: killed and resumed, failing cells, folders of other plans."""
 
 import csv
+import dataclasses
 import os
 import signal
 import subprocess
@@ -147,15 +148,15 @@ def run(plan, out, **options):
 def finished(tmp_path_factory):
     """The folder of a plan of agents alone, and its result."""
     out = tmp_path_factory.mktemp("finished") / "out"
-    plan = make_plan(tasks=change_task(when={"dqn": None, "pqn": None}))
+    plan = make_plan(tasks=change_task(when={"dqn": None, "pqn": None}), seeds=[0])
     return out, plan, run(plan, out)
 
 
-def test_a_plan_is_run_in_processes_and_shown_again(finished):
+def test_a_plan_is_run_in_a_process_and_shown_again(finished):
     out, plan, result = finished
     assert (result.failed, result.skipped) == ({}, {})
-    assert "| maze | oracle | 2 |" in result.text
-    assert [row["seed"] for row in read_looks(out / "looks.csv")] == ["0", "1"]
+    assert "| maze | oracle | 1 |" in result.text
+    assert [row["seed"] for row in read_looks(out / "looks.csv")] == ["0"]
     assert {path.name for path in out.iterdir()} >= {
         *("looks.csv", "table.md", "table.csv", "table.tex", "figure.png"),
     }
@@ -166,7 +167,7 @@ def test_a_plan_is_run_in_processes_and_shown_again(finished):
 def test_the_folder_of_another_plan_version_or_budget_is_refused(finished, monkeypatch):
     out, plan, _ = finished
     with pytest.raises(OutputFolderError, match="plan.games_per_pair is 0 there, 2 here"):
-        run(make_plan(tasks=change_task(when={"dqn": None, "pqn": None}), games_per_pair=2), out)
+        run(dataclasses.replace(plan, games_per_pair=2), out)
     with pytest.raises(OutputFolderError, match="budget is '' there, '20m' here"):
         run(plan, out, budget="20m", budget_seconds=1200.0)
     monkeypatch.setattr("marl_cair.experiments.experiment.__version__", "9.9")

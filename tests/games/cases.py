@@ -18,6 +18,7 @@ from marl_cair.games.game import GameSpec
 
 # Of games with many scenarios those that show all kinds of play; `make test-all` takes the others.
 QUICK_SCENARIOS = {
+    "deep_line_wars": ("11x11", "30x11"),
     "deep_rts": (
         "1v1-15x15",
         "FFA-3-15x15",

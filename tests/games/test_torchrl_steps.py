@@ -8,13 +8,13 @@ from torchrl.envs import EnvBase
 import marl_cair
 from marl_cair.games import torchrl_env
 from marl_cair.games.torchrl_env import GROUP, BatchedGameEnv
-from tests.games.cases import Case
+from tests.games.cases import IN_PROCESS, Case
 from tests.games.test_torchrl_env import leaves, luck_for, make_env, with_actions
 
 NUM_WORLDS, NUM_STEPS = 5, 200
 
 
-CASES = [Case(name, game.default_scenario) for name, game in marl_cair.GAMES.items()]
+CASES = [Case(name, marl_cair.GAMES[name].default_scenario) for name in IN_PROCESS]
 CASES += [Case("flappy_bird", "race-4-windy"), Case("deep_rts", "FFA-3-15x15")]  # seats go out
 
 

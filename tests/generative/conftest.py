@@ -11,7 +11,7 @@ SMALL = GeneratorConfig(
     size=NetworkSize(channels=12, depth=2, hidden=48),
     gate=GateConfig(evaluation_rows=400),
 )
-NUM_UPDATES = 700
+NUM_UPDATES = 450  # 350 open the gate
 
 
 def train(rows, shown, num_updates, config: GeneratorConfig = SMALL):

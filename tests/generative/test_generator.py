@@ -85,17 +85,14 @@ def test_gate_refuses_a_generator_fed_with_shuffled_next_states(real_rows):
     assert "changed-cell F1 0." in found, found
 
 
-def test_gate_refuses_a_generator_with_wrong_rewards(real_rows):
-    wrong = real_rows.clone()
-    wrong["next", "reward"] = -real_rows["next", "reward"]
+def test_gate_refuses_a_generator_with_wrong_rewards(trained, real_rows):
+    """The game pays the opposite of what it has learned."""
+    opposite = real_rows.clone()
+    opposite["next", "reward"] = -real_rows["next", "reward"]
     generator = CCDNGenerator(SMALL, SPEC)
-    generator.observe(wrong)
-    for batch in draw_batches(wrong, 250):
-        generator.update(batch)
-    right = CCDNGenerator(SMALL, SPEC)
-    right.observe(real_rows)
-    right.average = generator.average
-    report = right.evaluate()
+    generator.observe(opposite)
+    generator.average = trained.average
+    report = generator.evaluate()
     assert not report.passed
     assert any(
         reason.startswith("explained share of reward variance -") for reason in report.reasons
@@ -321,6 +318,17 @@ def test_unknown_actions_of_others_are_those_of_held_out_rows(trained, real_rows
     starts["other_actions"] = torch.where(torch.arange(50) < 25, 7, -1)[:, None]
     drawn = generator.predict(starts)[0]["other_actions"].flatten()
     assert drawn.tolist() == [7] * 25 + [4] * 25
+
+
+def test_predictions_are_of_the_actions_that_are_given(trained, real_rows):
+    generator = copy.deepcopy(trained)
+    starts = real_rows[:300].select("observation", "action_mask", "action")
+    rows, accepted = generator.predict(starts)
+    check_transitions(rows[accepted], SPEC.transition)
+    for key in ("observation", "action_mask", "action"):
+        assert torch.equal(rows[key], starts[key])
+    assert len(rows) == len(accepted) == 300
+    assert float(accepted.float().mean()) > 0.3
 
 
 # --- errors -----------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from tests.league.players import GAME, save_network
 def league(tmp_path_factory):
     folder = tmp_path_factory.mktemp("extend") / "league"
     words = ["random", "turtle", "--scenario", "11x11", "--games", "4", "--seed", "3"]
+    words += ["--set", "max_ticks=40"]
     assert main(["league", *words, "--out", str(folder)]) == 0
     return folder
 
@@ -33,7 +34,7 @@ def test_the_file_has_all_settings(league):
     plan = plan_extension(league, ["rusher"])
     assert (plan.agents, set(plan.ladder)) == (("rusher",), {"random", "turtle"})
     assert (plan.seed, plan.games_per_pair, plan.seating) == (3, 8, "all")  # chunks are whole
-    scenario = GAME.scenario("11x11", reward=GAME.rated_reward)
+    scenario = GAME.scenario("11x11", reward=GAME.rated_reward, max_ticks=40)
     assert plan.scenario_options == dataclasses.asdict(scenario)
 
 

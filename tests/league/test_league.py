@@ -119,7 +119,9 @@ def test_an_agent_that_joins_later_changes_no_game_of_the_others(tmp_path):
     assert read(tmp_path / "a") == read(tmp_path / "b")
 
 
-@pytest.mark.parametrize("calls", [0, 40, 80])
+@pytest.mark.parametrize(
+    "calls", [40, *(pytest.param(calls, marks=pytest.mark.slow) for calls in (0, 80))]
+)
 def test_an_interrupted_league_resumes_to_the_same_tables(tmp_path, calls):
     def load_failing(source, **options):
         agent = load_agent(source, **options)

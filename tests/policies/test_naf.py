@@ -79,7 +79,12 @@ def test_the_best_action_is_at_the_best_point():
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "memory"), [("dqn", "none"), ("dqn", "lstm"), ("pqn", "none")]
+    ("algorithm", "memory"),
+    [
+        ("dqn", "none"),
+        pytest.param("dqn", "lstm", marks=pytest.mark.slow),
+        ("pqn", "none"),
+    ],
 )
 def test_the_td_error_falls(tmp_path, algorithm, memory):
     width = 8 if memory != "none" else None

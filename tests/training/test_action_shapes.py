@@ -30,7 +30,7 @@ def make_config(folder, *words):
     """A run on a short game of Deep RTS."""
     small = ("policy.hidden_width=16", "policy.conv_channels=[8,8]", "collector.num_worlds=4")
     brief = ("collector.steps_per_batch=16", "collector.stagger_steps=0", "torch_threads=1")
-    rated = ("evaluation.every_frames=128", "evaluation.games=2", "game.options.max_ticks=400")
+    rated = ("evaluation.every_frames=128", "evaluation.games=2", "game.options.max_ticks=200")
     checkpoint = ("checkpoint.every_frames=128", f"total_frames={FRAMES}", f"out={folder}")
     return compose_config(["recipe=deep_rts_grid", *small, *brief, *rated, *checkpoint, *words])
 
@@ -122,13 +122,19 @@ def test_only_places_that_act_are_learned_and_counted(tmp_path):
     run.close()
 
 
-@pytest.mark.parametrize("memory", [(), ("policy.memory=gru", "policy.memory_width=8")])
+@pytest.mark.parametrize(
+    "memory",
+    [
+        pytest.param((), marks=pytest.mark.slow, id="none"),
+        pytest.param(("policy.memory=gru", "policy.memory_width=8"), id="gru"),
+    ],
+)
 def test_a_run_resumes_to_the_same_bits_and_its_agent_plays(tmp_path, memory):
     whole, _ = train_whole_and_in_parts(
         tmp_path, lambda folder: make_config(folder, *memory), until=FRAMES // 2
     )
     agent, game = load_agent(whole / "latest"), GAMES["deep_rts"]
-    scenario = game.scenario("1v1-15x15", actions="grid", max_ticks=400)
+    scenario = game.scenario("1v1-15x15", actions="grid", max_ticks=200)
     result = play_match(agent, game.bot("random", scenario), game, scenario, 2, 0)
     assert result.games == 2
 

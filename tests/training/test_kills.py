@@ -80,7 +80,9 @@ def test_a_league_in_training_is_resumed(tmp_path, number):
     assert train_league(settings, show_progress=False).is_done
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize(
+    "number", [0, 2, *(pytest.param(number, marks=pytest.mark.slow) for number in (1, 3))]
+)
 def test_a_league_is_resumed(tmp_path, number):
     config = LeagueConfig(
         ("last_standing/idle", "last_standing/random"),

@@ -247,6 +247,7 @@ def test_targets_of_a_network_with_memory_continue_its_states(tmp_path, memory):
     run.close()
 
 
+@pytest.mark.slow  # one at each cell of a board, quick: test_action_shapes
 def test_a_recurrent_run_resumes_to_the_same_bits(tmp_path):
     whole, _ = runs.train_whole_and_in_parts(tmp_path, recurrent, until=384)
     assert load_agent(whole / "latest").state_size == 16

@@ -198,7 +198,10 @@ def test_the_generator_learns_nothing_of_seats_that_are_out(tmp_path):
 # --- whole runs ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["ffa-4", "duel", "uneven", "together"])
+@pytest.mark.parametrize(
+    "scenario",
+    ["uneven", *(pytest.param(s, marks=pytest.mark.slow) for s in ("ffa-4", "duel", "together"))],
+)
 def test_a_resumed_run_of_any_seats_equals_one_that_was_never_stopped(tmp_path, scenario):
     folders = runs.train_whole_and_in_parts(tmp_path, lambda to: small(to, scenario), until=256)
     logs = [read_log(folder / "log.csv")[-1] for folder in folders]

@@ -158,7 +158,7 @@ def test_the_loss_is_that_of_one_step_after_another(tmp_path, double, priority_a
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize("priority_alpha", [0.0, 0.6])
+@pytest.mark.parametrize("priority_alpha", [pytest.param(0.0, marks=pytest.mark.slow), 0.6])
 def test_td_errors_fall(tmp_path, priority_alpha):
     run = fill(tmp_path / "run", priority_alpha=priority_alpha)
     # Targets that stay: neither the target network nor the chosen actions change.

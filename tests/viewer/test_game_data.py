@@ -11,6 +11,7 @@ from marl_cair.games.replays import replay_steps
 from marl_cair.viewer.game_data import pack_game
 from tests.viewer.recorded import record
 
+STEPS = 30
 LINE_WARS = {"game": "deep_line_wars", "scenario": "11x11"}
 
 
@@ -27,7 +28,7 @@ def series(data):
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory):
     path = tmp_path_factory.mktemp("game") / "a.replay"
-    return record(path, bots=("rusher", "turtle"), steps=60, **LINE_WARS)
+    return record(path, bots=("rusher", "turtle"), steps=STEPS, **LINE_WARS)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def data(replay):
 
 
 def test_actions_are_named(replay, data):
-    places = numbers(data["actions"]["numbers"], 60, 2).astype(int)
+    places = numbers(data["actions"]["numbers"], STEPS, 2).astype(int)
     named = np.array(data["actions"]["texts"])[places]
     np.testing.assert_array_equal(named, np.array(replay.spec.action_names)[replay.actions])
 
@@ -63,7 +64,7 @@ def test_events_are_where_the_measures_say(replay, data):
     assert np.diff(found["health"][: hit + 1, 1]).tolist() == [0] * (hit - 1) + [
         found["health"][hit, 1] - found["health"][0, 1]
     ]
-    assert data["events"][-1] == {"step": 60, "text": "the end, without a winner", "seat": None}
+    assert data["events"][-1] == {"step": STEPS, "text": "the end, without a winner", "seat": None}
 
 
 def test_events_of_deep_rts(tmp_path):

@@ -15,7 +15,7 @@ MAZE_KEYS = (pygame.K_DOWN, pygame.K_UP, pygame.K_LEFT, pygame.K_RIGHT)
 
 
 def test_line_wars_is_won_by_mouse_and_keys():
-    window = make_window("deep_line_wars", None, (None, "random"))
+    window = make_window("deep_line_wars", None, (None, "random"), ticks_per_step=20)
     person = Person(window)
     person.wait(20)
     assert window.moment.step == 0  # the game begins with the person's first order

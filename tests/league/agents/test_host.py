@@ -123,18 +123,28 @@ def test_a_function_with_a_limit_runs_in_a_process_of_its_own(module):
     assert agent.failure == "gave no answer within 2 s"
 
 
-@pytest.mark.parametrize(
-    ("make", "limit", "reason"),
-    [
-        ("make_slow", ["--answer-seconds", "2"], "gave no answer within 2 s"),
-        ("make_killer", [], "ended with exit code 5"),
-        ("make_leaver", [], "crashed in act: SystemExit"),
-    ],
+FAULTS = (
+    ("make_slow", ["--answer-seconds", "1"], "gave no answer within 1 s"),
+    ("make_killer", [], "ended with exit code 5"),
+    ("make_leaver", [], "crashed in act: SystemExit"),
 )
-@pytest.mark.parametrize("words", [["match"], ["evaluate", "--against"], ["league"]])
+COMMANDS = (["match"], ["evaluate", "--against"], ["league"])
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        # Each fault, and each command, once: a fault is handled below all commands.
+        pytest.param(fault, words, marks=() if at == place else pytest.mark.slow)
+        for at, fault in enumerate(FAULTS)
+        for place, words in enumerate(COMMANDS)
+    ],
+    ids=lambda value: value[0],
+)
 def test_an_agent_that_hangs_or_ends_its_process_ends_no_command(
-    module, capsys, tmp_path, make, limit, reason, words
+    module, capsys, tmp_path, fault, words
 ):
+    make, limit, reason = fault
     command, *against = words
     agents = [f"{module}:{make}", *against, "random"]
     out = ["--no-replays", "--out", str(tmp_path / "out")] if command == "league" else []

@@ -130,7 +130,7 @@ def test_generated_rows_have_as_many_steps_as_real_ones(
     run.close()
 
 
-@pytest.mark.parametrize("rollout_steps", [1, 4])
+@pytest.mark.parametrize("rollout_steps", [4, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_steps):
     """A generator trained for seconds generates no sound row; here all rows are accepted."""
 

@@ -143,6 +143,7 @@ def test_the_commands_collect_describe_and_train(tmp_path, capsys):
     assert "update 2, " in capsys.readouterr().out
 
 
+@pytest.mark.slow  # its network, quick: tests/generative/networks/test_thesis.py
 def test_the_thesis_generator_learns_grey_frames_and_nothing_else(tmp_path):
     collect(tmp_path / "grey", 60, representation="gray", max_ticks=20)
     settings = GeneratorTraining(

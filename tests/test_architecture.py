@@ -25,7 +25,8 @@ MAX_FILE_LINES, MAX_SCRIPT_LINES = 400, 40
 LEAVES = {"lookup", "outside", "files", "stored", "ranges", "memory", "interrupts", "text", "npm",
           "cluster"}  # fmt: skip
 _SELF_PLAY = {"league.agents", "league.play", "league.ratings", "self_play"}
-_ROOMS = "settings", "population", "collecting", "offline"  # of training, that commands use
+_ROOMS = "settings", "population", "collecting", "offline"  # of training, for commands
+_TRAINING = {"training", "training.settings", "training.collecting"}
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
@@ -48,10 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "training.collecting": {*_LEARNING, *_SELF_PLAY, "training.settings"},
     "training": {*_LEARNING, *_SELF_PLAY, "league", "training.settings", "training.collecting"},
     "training.population": {*_LEARNING, *_SELF_PLAY, "league", "training", "training.settings"},
-    "training.offline": {
-        *(*_LEARNING, "training", "training.settings", "training.collecting"),
-        *("league.agents", "league.play"),
-    },
+    "training.offline": {*_LEARNING, *_SELF_PLAY, *_TRAINING},
     "experiments": {*("", "games", "league"), *_SELF_PLAY, "training", "training.settings"},
     "viewer": {"games"},
     "window": {"games", "viewer", "league.agents", "league.play"},

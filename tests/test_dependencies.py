@@ -26,7 +26,7 @@ def declared_modules() -> set[str]:
     """Import names of what pyproject.toml names as needed, or as needed for an extra of users."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    for_users = ("parquet", "openspiel", "export", "play", "ray", "video", "vnc")
+    for_users = ("dashboard", "parquet", "openspiel", "export", "play", "ray", "video", "vnc")
     requirements = project["dependencies"] + [need for name in for_users for need in extras[name]]
     names = {re.match(r"[\w.-]+", requirement).group() for requirement in requirements}
     renamed = {

@@ -80,7 +80,9 @@ def _run(name: str, folder: Path, queue: Any) -> str:
     """Run a cell on a machine; `RayPool.cancel` interrupts it as Ctrl-C does."""
     with (folder / OUTPUT_FILE).open("w", encoding="utf-8") as errors, redirect_stderr(errors):
         try:
-            run_cell(folder, make_report(lambda *found: queue.put((name, *found))))
+            # Not `put`, which waits: that raises in a task that is cancelled and has yet to save.
+            note = queue.actor.put_nowait.remote
+            run_cell(folder, make_report(lambda *found: note((name, *found))))
         except Exception:
             sys.stderr.write(f"on {platform.node()}:\n")
             traceback.print_exc()

@@ -39,13 +39,6 @@ def same_bits(one, other):
     return all(torch.equal(first, second) for first, second in pairs)
 
 
-def test_no_rows_are_predicted_from_no_rows(trained, real_rows):
-    assert len(trained.imagine(real_rows[:0]).reward) == 0
-
-
-# --- learning and the gate --------------------------------------------------------------------
-
-
 def test_training_beats_the_copy_baseline_and_opens_the_gate(trained):
     report = trained.last_report
     assert report is not None

@@ -57,3 +57,7 @@ def test_counts_are_saved_and_checked():
     assert vars(other) == vars(counts)
     with pytest.raises(ValueError, match="counts"):
         other.load_state_dict({"counts": [-1.0, 0.0, 0.0, 0.0]})
+
+
+def test_no_held_out_rare_rows_are_no_error(trained, real_rows):
+    assert len(trained.imagine(real_rows[:0]).reward) == 0

@@ -36,7 +36,7 @@ TASKS = {
     "train --multirun": "train one agent for each combination of values: seeds, networks",
     "train resume=RUN": "continue an interrupted run",
     "dataset collect": "write transitions of random play or of agents to a data set",
-    "generator train": "train a generator of transitions on a data set (`generator watch` films it)",
+    "generator train": "train a generator of transitions on a data set; `generator watch` films it",
     "curves": "plot learning curves of training runs",
     "dashboard": "show training runs on a local page while they train",
     "experiment PLAN": "train and rate the product of networks, learners, games and seeds",

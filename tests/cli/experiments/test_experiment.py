@@ -60,7 +60,7 @@ def test_a_folder_of_other_files_is_refused_before_work(capsys, plan, tmp_path):
 def test_help_lists_the_plans(capsys):
     with pytest.raises(SystemExit):
         main(["reproduce", "--help"])
-    assert "deep_line_wars, memory, offline, opponents, solo, thesis" in " ".join(
+    assert "deep_line_wars, memory, offline, opponents, solo, synthetic, thesis" in " ".join(
         capsys.readouterr().out.split()
     )
 

@@ -82,9 +82,9 @@ def _run(name: str, folder: Path, queue: Any) -> str:
         try:
             # Not `put`, which waits: that raises in a task that is cancelled and has yet to save.
             note = queue.actor.put_nowait.remote
-            run_cell(folder, make_report(lambda *found: note((name, *found))))
+            is_done = run_cell(folder, make_report(lambda *found: note((name, *found))))
         except Exception:
             sys.stderr.write(f"on {platform.node()}:\n")
             traceback.print_exc()
             raise
-    return ""
+    return "" if is_done else "it was interrupted"

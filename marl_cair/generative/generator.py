@@ -186,8 +186,9 @@ class CCDNGenerator:
 
         rows: "observation", "action_mask", "action" and, if recorded, "other_actions".
         """
-        if not len(rows):
-            return self._imagine(rows, generator)
+        if not len(rows):  # `pixel_unshuffle` fails for no frames
+            none = torch.zeros(0)
+            return Imagined(rows["observation"], rows["action_mask"], none, none, none)
         parts = [self._imagine(part, generator) for part in rows.split(CHUNK_ROWS)]
         return Imagined(*(torch.cat(part) for part in zip(*parts, strict=True)))
 

@@ -142,7 +142,9 @@ class MixedReplay:
 
     A batch of n rows holds round(n * fraction) generated ones (Python's round: half to even). While
     `generated_open` is false (the generator has not passed its gate), or no transition was
-    XX
+    generated yet, batches are all real; with a fraction of 1 there are none then (`can_sample`).
+
+    weight: of generated rows in the loss, 0..1; real ones have 1.
     """
 
     def __init__(
@@ -170,7 +172,9 @@ class MixedReplay:
         """
         num_rows = self.real.batch_size if batch_size is None else batch_size
         num_generated = round(num_rows * self.fraction) if self._has_generated else 0
-        if self.fraction == 1.0:
+        if not self.can_sample:
+            raise RuntimeError("all rows are to be generated, and there are none yet")
+        if num_generated == num_rows:
             return self.generated.sample(num_rows)
         batch: TensorDict = self.real.sample(num_rows - num_generated)
         if not num_generated:

@@ -166,3 +166,15 @@ def test_a_cleared_ring_is_empty_and_fills_again():
     assert not mixture.sample(16)["is_generated"].any()
     mixture.generated.extend(make_transitions(np.random.default_rng(1), 3))
     assert len(mixture.generated) == 3
+
+
+def test_a_batch_may_round_to_generated_rows_alone():
+    rows = mix(0.99, weight=0.5).sample(32)
+    assert rows["is_generated"].all()
+    assert "priority_weight" not in rows or rows["priority_weight"].isfinite().all()
+
+
+def test_with_a_fraction_of_1_a_shut_gate_gives_no_batch():
+    mixture = make_mixture(1.0, generated_open=False)
+    with pytest.raises(RuntimeError, match="there are none yet"):
+        mixture.sample(8)

@@ -150,7 +150,7 @@ def make_watch_parser() -> Parser:
         "--to",
         required=True,
         help=".gif, .mp4 (needs pip install 'marl_cair[video]'), a new folder for PNG files, or "
-        ".png: one roll-out, a column for each step",
+        ".png: one roll-out, a column for each of up to 17 steps",
     )
     parser.add_argument(
         "--player",

@@ -29,7 +29,7 @@ def stack_sources(planes: Tensor, shifts: tuple[tuple[int, int], ...]) -> Tensor
     """Values [N, K, P, H, W] that cells of [N, P, H, W] may have next, in the order of the network:
     the own one, that of each neighbour, and 0.
     """
-    reach = max(max(abs(dr), abs(dc)) for dr, dc in shifts)
+    reach = max((max(abs(dr), abs(dc)) for dr, dc in shifts), default=0)
     rows, columns = planes.shape[2:]
     padded = functional.pad(planes, (reach,) * 4)
     near = [

@@ -2,7 +2,7 @@
 
 A failure is an exception of the generator, or a number of it that is not finite or far too large.
 The generator is then switched off: all its rows are dropped, batches are all real, and a new one
-with fresh weights takes its place, which is trained from the next evaluation on.
+takes its place, with the weights of the beginning, which is trained from the next evaluation on.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def begin_offline(run: TrainingRun) -> None:
     run.replay.generated_open = run.may_use_generated
     if run.may_use_generated:
         with _attempt(run, "generating"):
-            for _ in range(run.replay.generated.capacity // settings.rows_per_refill):
+            for _ in range(math.ceil(run.replay.generated.capacity / settings.rows_per_refill)):
                 _refill(run, generator, settings.rows_per_refill)
 
 
@@ -100,6 +100,8 @@ def _attempt(run: TrainingRun, what: str) -> Iterator[None]:
     """Switch the generator off where the block fails."""
     try:
         yield
+    except OSError:
+        raise  # a full disk is not the generator's failure
     except Exception as error:  # noqa: BLE001  # it may be from outside
         _switch_off(run, what, error)
 
@@ -110,7 +112,7 @@ def _switch_off(run: TrainingRun, what: str, error: Exception) -> None:
     run.replay.generated.clear()
     write_atomically(run.folder / FAILURE_FILE, "".join(traceback.format_exception(error)))
     run.make_generator()  # the next one: a state with weights that are not finite cannot be loaded
-    then = "it is tried again, with new weights, at the next evaluation"
+    then = "it is tried again, from its first weights, at the next evaluation"
     if run.generator_failures > MOST_RETRIES:
         then = f"it stays off after {run.generator_failures} failures"
     run.log.note(

@@ -33,7 +33,7 @@ from marl_cair.training.generating.picture import paint, paint_difference, save_
 from marl_cair.training.offline.generator_training import KIND, describe_game, read_training
 from marl_cair.training.settings.config_file import load_config
 
-STRIP, MOST_COLUMNS = ".png", 17
+STRIP, MOST_COLUMNS = ".png", 17  # steps that a strip shows
 SIDE = 300  # pixels of a board's longer side, about
 _MARGIN, _LINE = 10, 18
 _BACKGROUND, _INK, _FAINT = (24, 24, 28), (240, 240, 240), (150, 150, 160)
@@ -49,6 +49,7 @@ class Watched(NamedTuple):
     spec: GameSpec
     seen: Representation
     players: tuple[str, ...]  # of the real games: agents, as `load_agent` takes them
+    reward_scale: float = 1.0  # of the rewards that the generator has learned
 
 
 class Moment(NamedTuple):
@@ -96,10 +97,16 @@ def _load_from_run(place: Path) -> Watched:
     game = GAMES[config.game.name]
     options = {**config.game.options, "reward": config.game.learned_reward}
     scenario = game.scenario(config.game.scenario, **options)
+    if hasattr(scenario, "shaping_discount"):  # as in the run
+        options["shaping_discount"] = config.learner.gamma
+        scenario = game.scenario(config.game.scenario, **options)
     spec = game.make_spec(scenario)
     seen = spec.representations[config.game.representation]
-    generator = make_generator(config, seen, spec, 0, str(place))
-    return Watched(cast(Generator, generator), game, scenario, spec, seen, (str(place),))
+    generator, scale = (
+        make_generator(config, seen, spec, 0, str(place)),
+        config.learner.reward_scale,
+    )
+    return Watched(cast(Generator, generator), game, scenario, spec, seen, (str(place),), scale)
 
 
 def _load_from_data(place: Path) -> Watched:
@@ -141,7 +148,7 @@ def watch_steps(
         made = imagine(asked)
         seen, num_imagined, step = made.observation, num_imagined + 1, step + 1
         following = row["next"]
-        rewards = float(following["reward"]), float(made.reward)
+        rewards = float(following["reward"]), float(made.reward) / watched.reward_scale
         real = following["observation"]
         yield Moment(step, num_imagined, real, seen, *rewards, float(made.end))
         if following["done"].any():

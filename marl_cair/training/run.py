@@ -47,8 +47,8 @@ from marl_cair.training.initial_network import (
 )
 from marl_cair.training.learner import Learner
 from marl_cair.training.run_log import RunLog
+from marl_cair.training.settings import config_file
 from marl_cair.training.settings.config import TrainConfig
-from marl_cair.training.settings.config_file import CONFIG_FILE, fixed_settings, save_config
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
@@ -100,7 +100,7 @@ class TrainingRun:
         # The settings are valid from here on.
         state_file.require_space(self.folder, config, self.replay.real, self.transition_spec)
         self._claim.enter_context(self._claim_folder(resume))
-        save_config(config)
+        config_file.save_config(config)
         self.frames = 0
         self.processor_seconds = 0.0  # of collecting and learning, over all sittings
         self.best_score = -math.inf  # of all evaluations
@@ -142,10 +142,6 @@ class TrainingRun:
         self.book = OpponentBook(opponent, *played, pool, self._seeds[6], self.seat, load)
         others = self.demonstrators.representations | self.book.representations
         memory.require_memory_of_games(self.config, *played)
-        options = dataclasses.asdict(self.scenario)
-        options["reward"] = game.learned_reward
-        if "shaping_discount" in options:
-            options["shaping_discount"] = self.config.learner.gamma
         self.env = BatchedGameEnv(
             game.name,
             game.scenario,
@@ -154,7 +150,7 @@ class TrainingRun:
             extra_representations=tuple(sorted(others - {game.representation})),
             num_threads=self.config.collector.num_threads,
             seed=self._seeds[0],
-            **options,
+            **config_file.learned_fields(self.config),
         )
         self.spec = self.env.engine.spec
         self.seen = self.env.engine.representation(game.representation)
@@ -196,8 +192,9 @@ class TrainingRun:
 
     def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:
         advice = f"resume it with `marl-cair train resume={self.folder}`"
-        fixed, kind = fixed_settings(self.config), checkpoint.TRAINING
-        return files.claim_output_folder(self.folder, kind, fixed, resume, advice, CONFIG_FILE)
+        fixed, source = config_file.fixed_settings(self.config), config_file.CONFIG_FILE
+        kind = checkpoint.TRAINING
+        return files.claim_output_folder(self.folder, kind, fixed, resume, advice, source)
 
     def _make_learner(self) -> None:
         config, seeds = self.config, self._seeds

@@ -94,14 +94,14 @@ class CCDN(nn.Module):
         # both logits means "this kind, here" without a channel for each pair.
         self.choose_all = nn.Linear(hidden, outputs)
         # Units that are gone have scored, or fell: what happened is known best from both boards.
-        self.compare = nn.Linear(3 * size.channels + hidden, hidden)
+        num_known = 3 * size.channels + hidden
+        self.compare = nn.Linear(num_known, hidden)
         self.edit_scalars = nn.Linear(hidden, spec.num_uniform) if spec.num_uniform else None
         self.of_cell = nn.Linear(size.channels, hidden)
         self.of_pixel = nn.Embedding(self.patch**2, hidden)
         self.value = ValueHead(num_moving + spec.num_uniform, hidden)
-        self.outcome = OutcomeHeads(
-            spec, size, 3 * size.channels + hidden + spec.num_uniform * (3 + size.table_width)
-        )
+        num_known += spec.num_uniform * (3 + size.table_width)
+        self.outcome = OutcomeHeads(spec, size, num_known)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._begin_with_copies()
 
@@ -270,7 +270,11 @@ class CCDN(nn.Module):
         losses = {"cells": (cells * weights).mean()}
         # Half of the rows show the board as it is predicted: its errors must not mislead the rest.
         following = following.clone()
-        following[::2, self.moving] = self._draw_board(encoding, choices, None)[0][::2]
+        half = (
+            Encoding(*(part[::2] for part in encoding)),
+            Choices(*(part[::2] for part in choices)),
+        )
+        following[::2, self.moving] = self._draw_board(*half, None)[0]
         sequel = self.follow(encoding, following)
         if self.edit_scalars is not None:
             changes, now = self.edit_scalars(sequel.context), encoding.scalars

@@ -39,7 +39,7 @@ def decode_board(
     surety = torch.zeros(len(planes))
     _decode(
         logits.permute(0, 2, 3, 1).contiguous().numpy(),
-        of_boards.numpy(),
+        of_boards.contiguous().numpy(),
         planes.numpy(),
         layer_of.numpy(),
         np.array(shifts, np.int64).reshape(-1, 2),

@@ -31,7 +31,7 @@ from marl_cair.training.generating.generators import (
 )
 from marl_cair.training.generating.picture import paint, paint_difference, save_rows
 from marl_cair.training.offline.generator_training import KIND, describe_game, read_training
-from marl_cair.training.settings.config_file import load_config
+from marl_cair.training.settings.config_file import learned_fields, load_config
 
 STRIP, MOST_COLUMNS = ".png", 17  # steps that a strip shows
 SIDE = 300  # pixels of a board's longer side, about
@@ -95,18 +95,12 @@ def load_watched(folder: str | Path) -> Watched:
 def _load_from_run(place: Path) -> Watched:
     config = load_config(place)
     game = GAMES[config.game.name]
-    options = {**config.game.options, "reward": config.game.learned_reward}
-    scenario = game.scenario(config.game.scenario, **options)
-    if hasattr(scenario, "shaping_discount"):  # as in the run
-        options["shaping_discount"] = config.learner.gamma
-        scenario = game.scenario(config.game.scenario, **options)
+    scenario = game.scenario(config.game.scenario, **learned_fields(config))
     spec = game.make_spec(scenario)
     seen = spec.representations[config.game.representation]
-    generator, scale = (
-        make_generator(config, seen, spec, 0, str(place)),
-        config.learner.reward_scale,
-    )
-    return Watched(cast(Generator, generator), game, scenario, spec, seen, (str(place),), scale)
+    generator = cast(Generator, make_generator(config, seen, spec, 0, str(place)))
+    players, scale = (str(place),), config.learner.reward_scale
+    return Watched(generator, game, scenario, spec, seen, players, scale)
 
 
 def _load_from_data(place: Path) -> Watched:
@@ -114,10 +108,8 @@ def _load_from_data(place: Path) -> Watched:
     spec, seen = describe_game(about)
     game = GAMES[about.game]
     scenario = game.scenario(about.scenario, **restore_fields(about.scenario_options))
-    others = about.num_players - 1
-    generator = make_for_game(
-        settings.model, settings.config, seen, spec, spec.reward_bound, others
-    )
+    model, config, others = settings.model, settings.config, about.num_players - 1
+    generator = make_for_game(model, config, seen, spec, spec.reward_bound, others)
     load_knowledge(generator, str(place))
     return Watched(generator, game, scenario, spec, seen, about.players)
 

@@ -98,6 +98,16 @@ def list_sources(config: TrainConfig) -> list[str]:
     return [*agents, *config.policy.list_code(), *filter(is_place, names)]
 
 
+def learned_fields(config: TrainConfig) -> dict[str, Any]:
+    """Fields of the scenario that the learner plays: with its own reward and discount."""
+    fields = dataclasses.asdict(config.game.played_scenario) | {
+        "reward": config.game.learned_reward
+    }
+    if "shaping_discount" in fields:
+        fields["shaping_discount"] = config.learner.gamma
+    return fields
+
+
 def build_config(values: Mapping[str, Any]) -> TrainConfig:
     """Dataclasses from nested plain values. Raises ValueError as their checks do."""
     config: TrainConfig = build_value(TrainConfig, values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -97,7 +98,8 @@ def print_status(arguments: Sequence[str]) -> int:
             played = int((games.agents == number).any(axis=1).sum())
             about = agent.kind, agent.evaluation_policy, describe_training(agent), agent.fingerprint
             lines.append(f"  {agent.name}: {played} games; {', '.join(filter(None, about))}")
-        lines += [f"  forfeits, {count}: {reason}" for reason, count in store.read_forfeits()]
+        forfeits = sorted(Counter(filter(None, games.reasons)).items())
+        lines += [f"  forfeits, {count}: {reason}" for reason, count in forfeits]
     sys.stdout.write("\n".join(lines) + "\n")
     return EXIT_DONE
 

@@ -24,7 +24,7 @@ from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.playing import CHUNKS_AT_ONCE, line_up_seed, size_chunk
 from marl_cair.league.play.recording import Recording
 from marl_cair.league.play.schedule import Job
-from marl_cair.league.store.records import PlayedGame
+from marl_cair.league.store.schema import PlayedGame
 from marl_cair.league.store.store import LeagueStore
 from marl_cair.lookup import find_by_name
 

@@ -19,7 +19,7 @@ from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import Share, find_map_shares
 from marl_cair.league.ratings.rate import Rating, describe_method
 from marl_cair.league.report.replays import ShownGame
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
 
 COMMANDS, VERSIONS = "commands", "versions"  # settings of a league file

@@ -7,7 +7,7 @@ from marl_cair.league.report.background import Background
 from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import make_report
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.viewer.page import write_viewer
 from tests.chromium import FIND_CONTRAST, FIND_WIDE, READABLE, browser, need_browser, open_page
 from tests.league.leagues import EDGES, make, make_games

@@ -24,7 +24,7 @@ from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import Table, make_report
 from marl_cair.league.report.table import make_table
 from marl_cair.league.report.wording import format_rating
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.viewer.page import make_element, make_policy, read_script
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
 

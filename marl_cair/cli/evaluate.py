@@ -22,9 +22,8 @@ from marl_cair.cli import match_options as shared
 from marl_cair.cli.match import describe_doubts
 from marl_cair.cli.parser import Parser
 from marl_cair.files import write_atomically
-from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Game
-from marl_cair.league.agents.load import find_fingerprint, find_scenario
+from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.league.play.match import play_match, require_rivals
 from marl_cair.league.play.solo import play_alone
 from marl_cair.league.ratings.intervals import mean_interval, median_interval, share_interval
@@ -37,16 +36,13 @@ ALONE_COLUMNS = ("agent", "number", "games", "mean", "low", "high", *_OF_MEDIAN)
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print a table, each row as soon as it is played; returns the exit code."""
-    options = make_parser().parse_args(shared.update_words("evaluate", arguments))
+    options = make_parser().parse_args(arguments)
     if options.out and Path(options.out).is_dir():
         raise IsADirectoryError(f"--out {options.out} is a folder: give the name of a CSV file")
     twice = {name for name in options.against if options.against.count(name) > 1}
     if twice:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
-    game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
-    scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
-    changes = shared.read_fields(game, scenario, options.fields)
-    scenario = change_scenario(game.name, scenario, changes)
+    game, name, scenario = shared.choose_scenario(options, [options.agent])
     is_alone = game.make_spec(scenario).num_teams == 1
     rows = (_rate_alone if is_alone else _rate_against)(options, game, name, scenario)
     if options.out:

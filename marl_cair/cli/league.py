@@ -34,7 +34,7 @@ def run(arguments: Sequence[str]) -> int:
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
     game, scenario, fields = find_scenario([*agents, *ladder], options.game, options.scenario)
     fields = shared.change_fields(game, scenario, fields, options.fields)
-    max_seconds = _read_time(options.time)
+    max_seconds = shared.read_seconds(options.time, "--time") if options.time else 0.0
     games = options.games
     if games is None:
         is_adaptive = options.ci > 0.0 or max_seconds > 0.0
@@ -202,15 +202,6 @@ def make_parser() -> Parser:
         "(default: %(default)s)",
     )
     return parser
-
-
-def _read_time(text: str) -> float:
-    seconds = shared.read_seconds(text) if text else 0.0
-    if seconds is None:
-        raise ValueError(
-            f"--time is {text!r}, it must be a number above 0 with s, m or h, for example 10m"
-        )
-    return seconds
 
 
 def _add_zero(parser: Parser) -> None:

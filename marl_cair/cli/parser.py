@@ -60,6 +60,13 @@ def refuse_repeats(words: Sequence[str], names: Sequence[str] | None = None) -> 
         first[name] = word
 
 
+def require_counts(options: argparse.Namespace, *names: str) -> None:
+    """Raise ValueError for an option of `names` that is given and below 1."""
+    for name in names:
+        if (value := getattr(options, name)) is not None and value < 1:
+            raise ValueError(f"--{name} is {value}, it must be 1 or more")
+
+
 def _quote(words: Sequence[str], place: int) -> str:
     """An option as it was typed, with its value."""
     word, rest = words[place], words[place + 1 : place + 2]

@@ -12,7 +12,6 @@ from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.players.random_player import RANDOM
-from marl_cair.league.agents.load import find_scenario
 from marl_cair.lookup import check_name
 
 COLLECT, SHOW = "collect", "show"
@@ -32,13 +31,11 @@ def _collect(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(arguments)
     players = options.players.split(",")
     trained = [one for one in players if one != RANDOM]
-    game, name, fields = find_scenario(trained, options.game, options.scenario)
+    game, name, scenario = shared.choose_scenario(options, trained)
     default = "shaped" if "shaped" in game.rewards else game.rated_reward
     reward = options.reward or default
     check_name(f"{game.name} reward", reward, game.rewards)
-    scenario = game.scenario(name, **{**fields, "reward": reward})
-    changes = shared.read_fields(game, scenario, options.fields)
-    scenario = change_scenario(game.name, scenario, changes)
+    scenario = change_scenario(game.name, scenario, {"reward": reward})
     spec = game.make_spec(scenario)
     representation = options.representation or next(iter(spec.representations))
     check_name(f"{game.name} representation", representation, spec.representations)

@@ -9,7 +9,7 @@ from typing import Any
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.match_options import read_changes
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.lookup import check_name
@@ -66,9 +66,7 @@ def _train(arguments: Sequence[str]) -> int:
 def _watch(arguments: Sequence[str]) -> int:
     """Write a film, and print how long it is."""
     options = make_watch_parser().parse_args(arguments)
-    for name in ("steps", "fps"):
-        if getattr(options, name) < 1:
-            raise ValueError(f"--{name} is {getattr(options, name)}, it must be 1 or more")
+    require_counts(options, "steps", "fps")
     from marl_cair.training.offline.watching import film_generator
 
     count = film_generator(

@@ -11,7 +11,7 @@ import numpy as np
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.games.replays import REPLAY_SUFFIX, write_replay
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from marl_cair.lookup import check_name
@@ -20,8 +20,7 @@ from marl_cair.lookup import check_name
 def run(arguments: Sequence[str]) -> int:
     """Write the files, and print a line for each game; returns the exit code."""
     options = make_parser().parse_args(arguments)
-    if options.games < 1:
-        raise ValueError(f"--games is {options.games}, it must be 1 or more")
+    require_counts(options, "games")
     from marl_cair.league.report.replays import NotShownError, ReplayRenderer
     from marl_cair.league.report.report import name_agents
 

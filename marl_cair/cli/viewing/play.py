@@ -8,17 +8,15 @@ import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.cli.viewing import browser_play
 from marl_cair.games import GAMES
-from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Agent
 from marl_cair.games.players.random_player import RANDOM
-from marl_cair.league.agents.load import find_scenario
 from marl_cair.lookup import find_by_name
 
 if TYPE_CHECKING:
@@ -75,11 +73,7 @@ def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons
     """
     from marl_cair.window.session import Session
 
-    game, name, fields = find_scenario(agents, options.game, options.scenario)
-    scenario = game.scenario(name, **fields)
-    scenario = change_scenario(
-        game.name, scenario, shared.read_fields(game, scenario, options.fields)
-    )
+    game, name, scenario = shared.choose_scenario(options, agents)
     num_seats = game.make_spec(scenario).num_players
     first = getattr(options, "seat", 0)
     seats = seat_players(agents, num_seats, num_persons, first, f"{game.name} {name}")
@@ -191,8 +185,3 @@ def make_parser() -> Parser:
     )
     add_window_options(parser)
     return parser
-
-
-def describe_seats(session: Any) -> str:
-    """The players by seat, for a line of text."""
-    return ", ".join(f"{seat} {name}" for seat, name in enumerate(session.names))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pygame
+from numpy.typing import NDArray
 
 from marl_cair.window.boards import Board, Cell, find_board
 from marl_cair.window.camera import Camera
@@ -23,7 +25,6 @@ from marl_cair.window.session import Moment, Session, View
 
 MAX_FPS = 60
 MOST_STEPS = 32  # between two pictures
-MIDDLE = 2  # mouse button
 SCROLL_PIXELS = 64
 
 
@@ -341,3 +342,23 @@ class Window:
             self.session, self.moment, self.list_seats(), inks, speed, self.frame_rates,
             self.tick_rates,
         )  # fmt: skip
+
+
+def film_game(
+    session: Session, size: tuple[int, int], every: int = 1
+) -> Iterator[NDArray[np.uint8]]:
+    """Play a game of agents without a display; yields the window, uint8 [h, w, 3], at the start,
+    after each `every`-th step and at the end.
+    """
+    window = Window(session, pygame.Surface(size), Settings(threaded=False))
+    try:
+        while True:
+            if window.moment.step % every == 0 or window.moment.is_over:
+                window.draw()
+                pixels = pygame.surfarray.array3d(window.surface)
+                yield np.ascontiguousarray(pixels.swapaxes(0, 1))
+            if window.moment.is_over:
+                return
+            window.step()
+    finally:
+        window.shut_down()

@@ -1,4 +1,7 @@
-"""`marl-cair experiment`: train and rate all cells of a plan, for one table and one figure."""
+"""`marl-cair experiment`: train and rate all cells of a plan, for one table and one figure.
+
+`marl-cair reproduce` does so for a ready-made plan of published results, with its authors' panels.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,11 @@ _PLANS = CONF / "plan"
 def run(arguments: Sequence[str]) -> int:
     """Run all cells that are missing and print the tables; returns the exit code."""
     return run_plan("experiment", arguments)
+
+
+def reproduce(arguments: Sequence[str]) -> int:
+    """As `run`, with the panels of the plan's authors."""
+    return run_plan("reproduce", arguments, panels=True)
 
 
 def list_plans() -> list[str]:

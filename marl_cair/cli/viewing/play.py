@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import time
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from marl_cair.games import GAMES
 from marl_cair.games.game import Agent
 from marl_cair.games.players.random_player import RANDOM
 from marl_cair.lookup import find_by_name
+from marl_cair.window.display import import_pygame, open_display
 
 if TYPE_CHECKING:
     from marl_cair.window.session import Session
@@ -43,7 +43,6 @@ def run(arguments: Sequence[str]) -> int:
 def show_games(options: argparse.Namespace, agents: Sequence[str], num_persons: int) -> int:
     """Open a window in which persons and agents play; returns the exit code."""
     import_pygame()
-    from marl_cair.window.display import open_display
     from marl_cair.window.window import Settings, Window
 
     size = read_window_size(options.size)
@@ -53,18 +52,6 @@ def show_games(options: argparse.Namespace, agents: Sequence[str], num_persons: 
     surface = open_display(size, f"{session.game.title}: marl_cair")
     Window(session, surface, Settings(folder=Path(options.folder), speed=options.speed)).run()
     return EXIT_DONE
-
-
-def import_pygame() -> None:
-    """Import pygame. Raises ValueError, which names the extra, if it is not installed."""
-    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    try:
-        import pygame  # noqa: F401
-    except ModuleNotFoundError:
-        raise ValueError(
-            'a window needs pygame-ce: pip install "marl_cair[play]" (no display is needed for '
-            "matches, leagues and training)"
-        ) from None
 
 
 def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons: int) -> Session:

@@ -11,13 +11,13 @@ from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.cli.viewing.play import (
     add_window_options,
-    import_pygame,
     make_session,
     read_window_size,
     show_games,
 )
 from marl_cair.league.play.film import WRITERS
 from marl_cair.lookup import find_by_name
+from marl_cair.window.display import import_pygame
 
 LEAST_FPS = 10
 
@@ -31,7 +31,7 @@ def run(arguments: Sequence[str]) -> int:
     path, size = Path(options.to), read_window_size(options.size)
     write = find_by_name("kind of film", path.suffix, WRITERS)
     import_pygame()
-    from marl_cair.window.film import film_game
+    from marl_cair.window.window import film_game
 
     session = make_session(options, options.agents, 0)
     every = options.every or (session.steps_per_decision if path.suffix == ".gif" else 1)

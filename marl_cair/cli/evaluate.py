@@ -8,8 +8,6 @@ same map seeds, each alone.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,7 +25,7 @@ from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.league.play.match import play_match, require_rivals
 from marl_cair.league.play.solo import play_alone
 from marl_cair.league.ratings.intervals import mean_interval, median_interval, share_interval
-from marl_cair.text import clean_cell
+from marl_cair.text import format_csv
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
 _OF_MEDIAN = ("median", "median_low", "median_high")
@@ -46,11 +44,8 @@ def run(arguments: Sequence[str]) -> int:
     is_alone = game.make_spec(scenario).num_teams == 1
     rows = (_rate_alone if is_alone else _rate_against)(options, game, name, scenario)
     if options.out:
-        text = io.StringIO()
         columns = ALONE_COLUMNS if is_alone else COLUMNS
-        cells = (map(clean_cell, row) for row in (columns, *rows))
-        csv.writer(text, lineterminator="\n").writerows(cells)
-        write_atomically(options.out, text.getvalue())
+        write_atomically(options.out, format_csv([columns, *rows]))
     return EXIT_DONE
 
 

@@ -9,22 +9,17 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, run_subcommand
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.players.random_player import RANDOM
 from marl_cair.lookup import check_name
 
-COLLECT, SHOW = "collect", "show"
 DEFAULT_ROWS = 100_000
 
 
 def run(arguments: Sequence[str]) -> int:
     """Collect a data set, or print the description of one; returns the exit code."""
-    words = list(arguments)
-    if not words or words[0] in ("-h", "--help"):
-        make_parser().parse_args(["--help"])
-    check_name("dataset command", words[0], (COLLECT, SHOW))
-    return (_collect if words[0] == COLLECT else _show)(words[1:])
+    return run_subcommand("dataset", {"collect": _collect, "show": _show}, arguments)
 
 
 def _collect(arguments: Sequence[str]) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.match_options import read_changes
-from marl_cair.cli.parser import Parser, require_counts
+from marl_cair.cli.parser import Parser, require_counts, run_subcommand
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.lookup import check_name
@@ -21,16 +21,9 @@ _SHOWN = (
 )
 
 
-TRAIN, WATCH = "train", "watch"
-
-
 def run(arguments: Sequence[str]) -> int:
     """Train or watch a generator; returns the exit code."""
-    words = list(arguments)
-    if not words or words[0] in ("-h", "--help"):
-        make_parser().parse_args(["--help"])
-    check_name("generator command", words[0], (TRAIN, WATCH))
-    return (_train if words[0] == TRAIN else _watch)(words[1:])
+    return run_subcommand("generator", {"train": _train, "watch": _watch}, arguments)
 
 
 def _train(arguments: Sequence[str]) -> int:

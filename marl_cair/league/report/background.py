@@ -153,9 +153,8 @@ def describe_training(record: AgentRecord) -> str:
 
 
 def _read_training(record: AgentRecord) -> dict[str, Any]:
-    """As `agents.describe_training` wrote it; older files do not have the total."""
-    about = dict(json.loads(record.configuration).get("training", {}))
-    return {"frames_total": about["frames"], **about} if about else {}
+    """As `agents.describe_training` wrote it; empty for an agent that was not trained."""
+    return dict(json.loads(record.configuration).get("training", {}))
 
 
 def list_versions() -> str:

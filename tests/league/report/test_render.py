@@ -2,6 +2,7 @@
 
 import dataclasses
 import html.parser
+import json
 import re
 
 import numpy as np
@@ -78,12 +79,9 @@ def read_page(table, background=None):
 
 
 def record(name, run="", frames=0, seed=0):
-    training = (
-        f'{{"training": {{"run": "{run}", "name": "n", "seed": {seed}, "frames": {frames}}}}}'
-    )
-    return AgentRecord(
-        f"print of {name}", name, "network", "greedy", "1", training if run else "{}"
-    )
+    trained = {"run": run, "name": "n", "seed": seed, "frames": frames, "frames_total": frames}
+    about = json.dumps({"training": trained} if run else {})
+    return AgentRecord(f"print of {name}", name, "network", "greedy", "1", about)
 
 
 def text_of(table):

@@ -138,8 +138,6 @@ def make_parser() -> Parser:
         *(*shared.MATCH_OPTIONS, "--record"),
         games_of="against each opponent",
         games="%(default)s",
-        trained="agent",
-        bots_alone="a bot",
     )
     parser.set_defaults(games=500)
     parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")

@@ -228,8 +228,6 @@ def make_parser() -> Parser:
         *(*shared.MATCH_OPTIONS, "--record"),
         games_of="of each variant",
         games="%(default)s",
-        trained="first checkpoint",
-        bots_alone="bots alone",
         more="; variant.field=value also plays that variant, and "
         f"{HELDOUT_MAP}=... is short for heldout.map=...",
     )

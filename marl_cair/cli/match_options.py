@@ -50,11 +50,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--game": {
         "choices": GAMES,  # looked up late: packages and tests add games
-        "help": "default: the game that the {trained} was trained on, or the first choice",
+        "help": "default: the game that the first checkpoint was trained on, or the first choice",
     },
     "--scenario": {
         "help": "a scenario of the game, as `marl-cair games` lists them (default: the one that "
-        "the {trained} was trained on; for {bots_alone} the game's default)",
+        "the first checkpoint was trained on; for bots alone the game's default)",
     },
     "--set": {
         "dest": "fields",

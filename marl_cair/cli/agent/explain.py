@@ -170,12 +170,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--opponent", default="random", help=f"{shared.AGENT_HELP} (default: %(default)s)"
     )
-    shared.add_options(
-        parser,
-        *("--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS),
-        trained="agent",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS)
     parser.add_argument(
         "--steps",
         type=int,

@@ -92,10 +92,5 @@ def make_parser() -> Parser:
         "--representation", help="what the data set shows (default: the game's first, planes)"
     )
     parser.add_argument("--reward", help="default: shaped where there is one, else the rated one")
-    shared.add_options(
-        parser,
-        *("--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS),
-        trained="player",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS)
     return parser

@@ -157,5 +157,5 @@ def make_watch_parser() -> Parser:
     ):
         text = f"{meaning} (default: %(default)s)"
         parser.add_argument(f"--{name}", type=int, default=default, help=text)
-    shared.add_options(parser, "--seed", *shared.ANSWER_LIMITS, trained="player")
+    shared.add_options(parser, "--seed", *shared.ANSWER_LIMITS)
     return parser

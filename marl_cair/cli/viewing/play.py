@@ -159,12 +159,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--humans", type=int, default=1, help="people at this machine (default: %(default)s)"
     )
-    shared.add_options(
-        parser,
-        *("--seed", "--scenario", "--set", *shared.ANSWER_LIMITS),
-        trained="opponent",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", "--scenario", "--set", *shared.ANSWER_LIMITS)
     parser.add_argument(
         "--browser",
         action="store_true",

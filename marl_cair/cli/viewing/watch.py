@@ -58,12 +58,7 @@ def make_parser() -> Parser:
         metavar="AGENT",
         help=f"one for each seat, the last takes all that are left: {shared.AGENT_HELP}",
     )
-    shared.add_options(
-        parser,
-        *("--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS),
-        trained="agents",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS)
     parser.add_argument(
         "--to",
         metavar="FILE",

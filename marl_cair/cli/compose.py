@@ -124,7 +124,7 @@ def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     return flags, words
 
 
-_FLAGS_WITH_VALUE = {
+_FLAGS_WITH_VALUE = [
     "--cfg",
     "-c",
     "--package",
@@ -133,7 +133,7 @@ _FLAGS_WITH_VALUE = {
     "-cd",
     "--config-name",
     "-cn",
-}
+]
 
 
 @contextmanager

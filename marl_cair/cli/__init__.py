@@ -32,7 +32,6 @@ COMMANDS: LazyTable[Callable[[Sequence[str]], int]] = LazyTable(
         "games": "marl_cair.cli.games:run",
         "verify": "marl_cair.cli.verify:run",
         "compile": "marl_cair.cli.compile:run",
-        "benchmark": "marl_cair.cli.benchmark:run",
     }
 )
 # The tasks in the order of a user's work: the words of the command, and a description.

@@ -124,16 +124,10 @@ def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     return flags, words
 
 
-_FLAGS_WITH_VALUE = [
-    "--cfg",
-    "-c",
-    "--package",
-    "-p",
-    "--config-dir",
-    "-cd",
-    "--config-name",
-    "-cn",
-]
+_FLAGS_WITH_VALUE = {
+    *("--cfg", "-c", "--package", "-p"),
+    *("--config-dir", "-cd", "--config-name", "-cn"),
+}
 
 
 @contextmanager

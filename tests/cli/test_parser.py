@@ -102,7 +102,7 @@ def imported_by(words, watched):
 @pytest.mark.parametrize(
     "command",
     [
-        *("train", "curves", "evaluate", "match", "league", "games", "compile", "benchmark"),
+        *("train", "curves", "evaluate", "match", "league", "games", "compile"),
         *("league train", "league psro", "league exploit", "league add", "league mix"),
         *("league status", "league report", "league export"),
     ],

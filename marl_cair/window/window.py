@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,37 +28,29 @@ MOST_STEPS = 32  # between two pictures
 SCROLL_PIXELS = 64
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Settings of a window.
-
-    Attributes:
-        folder: of screenshots and of replays that are saved by hand.
-        speed: 1 is the game's own.
-        threaded: whether the game goes on beside the drawing, in a thread of its own.
-    """
-
-    folder: Path = Path("runs/play")
-    speed: float = 1.0
-    threaded: bool = True
-
-
 class Window:
     """Shows a session on a surface and lets its persons play.
 
     Args:
         session: the games.
         surface: of the display, or any other: films and tests need no display.
+        folder: of screenshots and of replays that are saved by hand.
+        speed: 1 is the game's own.
+        threaded: whether the game goes on beside the drawing, in a thread of its own.
     """
 
     def __init__(
-        self, session: Session, surface: pygame.Surface, settings: Settings | None = None
+        self,
+        session: Session,
+        surface: pygame.Surface,
+        folder: Path = Path("runs/play"),
+        speed: float = 1.0,
+        threaded: bool = True,
     ) -> None:
         self.session, self.surface = session, surface
-        self.settings = settings or Settings()
+        self.folder, self.speed = folder, speed
         self.is_open = True
         self.message = ""
-        self.speed = self.settings.speed
         alone = len(session.persons) == 1
         self.shown = {
             **dict.fromkeys(("menu", "pause", "presence", "grid"), False),
@@ -69,7 +61,7 @@ class Window:
         self.view = View(self.home_seat())
         self.camera = Camera()
         self.moment: Moment = session.look(self.view)
-        self._pool = ThreadPoolExecutor(1) if self.settings.threaded else None
+        self._pool = ThreadPoolExecutor(1) if threaded else None
         self._job: Future[Moment] | None = None
         self.due, self.steps_wanted, self.needs_look = 0.0, 0, False
         self.controls: Sequence[Controls] = ()
@@ -350,7 +342,7 @@ def film_game(
     """Play a game of agents without a display; yields the window, uint8 [h, w, 3], at the start,
     after each `every`-th step and at the end.
     """
-    window = Window(session, pygame.Surface(size), Settings(threaded=False))
+    window = Window(session, pygame.Surface(size), threaded=False)
     try:
         while True:
             if window.moment.step % every == 0 or window.moment.is_over:

@@ -43,14 +43,14 @@ def run(arguments: Sequence[str]) -> int:
 def show_games(options: argparse.Namespace, agents: Sequence[str], num_persons: int) -> int:
     """Open a window in which persons and agents play; returns the exit code."""
     import_pygame()
-    from marl_cair.window.window import Settings, Window
+    from marl_cair.window.window import Window
 
     size = read_window_size(options.size)
     if not 0.01 <= options.speed <= 1_000.0:
         raise ValueError(f"--speed is {options.speed}, it must be in 0.01..1000")
     session = make_session(options, agents, num_persons)
     surface = open_display(size, f"{session.game.title}: marl_cair")
-    Window(session, surface, Settings(folder=Path(options.folder), speed=options.speed)).run()
+    Window(session, surface, Path(options.folder), options.speed).run()
     return EXIT_DONE
 
 

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from marl_cair.cli.experiments.experiment import compose
+from marl_cair.cli.experiment import compose
 from marl_cair.cluster import RayPool
 from marl_cair.experiments.cells import CELLS, Cell, make_cells
 from marl_cair.experiments.experiment import ExperimentConfig, run_experiment

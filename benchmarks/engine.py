@@ -29,7 +29,7 @@ import marl_cair
 from benchmarks._legal_actions import make_draw_legal
 from marl_cair.games.deep_rts.state import NUM_UNITS
 from marl_cair.games.engine import BatchedEngine
-from marl_cair.games.parallel_env import make_parallel_env
+from marl_cair.games.parallel_env import GameParallelEnv
 from marl_cair.games.randomness import episode_seeds
 
 REPEATS = 5
@@ -163,7 +163,7 @@ def measure_pettingzoo(
     game: str, scenario: str, seconds: float, clock: Callable[[], float]
 ) -> float:
     """Steps per second of one parallel environment, observations and masks of all players."""
-    env = make_parallel_env(game, scenario)
+    env = GameParallelEnv(game, scenario)
     agents = env.possible_agents
     sets = draw_actions(env.engine, ACTION_SETS, False)[:, 0].tolist()
     env.reset(seed=0)

@@ -33,7 +33,7 @@ from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import find_payoffs
 from marl_cair.league.ratings.rate import rate
 from marl_cair.league.report.report import report_stored
-from marl_cair.league.store.records import AgentRecord, PlayedGame
+from marl_cair.league.store.schema import AgentRecord, PlayedGame
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
 from marl_cair.policies.q_network import QNetworkConfig
 

@@ -25,7 +25,7 @@ from marl_cair.games import GAMES
 from marl_cair.window.display import open_display
 from marl_cair.window.hotkeys import SPEEDS
 from marl_cair.window.session import Session
-from marl_cair.window.window import Settings, Window
+from marl_cair.window.window import Window
 
 SIZE = (1280, 800)
 WARM_UP_SECONDS = 2.0
@@ -35,7 +35,7 @@ def measure(session: Session, speed: float, seconds: float) -> tuple[float, ...]
     """Frames in a second, milliseconds of the 99th percentile, processor milliseconds of a frame,
     ticks in a second.
     """
-    window = Window(session, open_display(SIZE, "benchmark"), Settings(speed=speed))
+    window = Window(session, open_display(SIZE, "benchmark"), speed=speed)
     durations, first_step, processor = list[float](), 0, time.thread_time()
     before = time.perf_counter()
     end = before + WARM_UP_SECONDS + seconds

@@ -13,7 +13,7 @@ from marl_cair import load_agent
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent
 from marl_cair.window.session import Session
-from marl_cair.window.window import Settings, Window
+from marl_cair.window.window import Window
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = (1280, 800)
@@ -39,7 +39,7 @@ def main() -> None:
             load_agent(source, game, chosen) if source else None for source in players
         ]
         session = Session(GAMES[game], chosen, agents)
-        window = Window(session, pygame.Surface(SIZE), Settings(threaded=False))
+        window = Window(session, pygame.Surface(SIZE), threaded=False)
         window.draw()
         for key in before:
             window.press(ord(key))

@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from marl_cair.cli.games import format_markdown
+from marl_cair.cli.games import list_rows
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
+from marl_cair.games.game import Game
 
 PAGE = Path(__file__).parent / "games.md"
+COLUMNS = ("game", "scenarios", "players", "actions", "representations", "reward", "picture")
 PLACE = re.compile(r"(?<=<!-- docs/tables.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
@@ -22,9 +24,24 @@ def find_table(text: str) -> str:
 
 
 def make_table() -> str:
-    """All scenarios of this repository's games, with links relative to docs/."""
-    table = format_markdown(GAMES.load_own())
-    return table.replace("](marl_cair/", "](../marl_cair/").replace("](docs/", "](")
+    """All scenarios of this repository's games, with links relative to docs/; an empty cell repeats
+    the one above it.
+    """
+    head = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
+    return head + "".join(map(_format_rows, GAMES.load_own()))
+
+
+def _format_rows(game: Game) -> str:
+    lines = []
+    page, picture = f"../marl_cair/games/{game.name}/README.md", f"images/{game.name}.png"
+    above: tuple[str, ...] = ("",) * len(COLUMNS)
+    for row in list_rows(game):
+        scenarios = ", ".join(row.scenarios)
+        cells = (f"[{game.title}]({page})", scenarios, *row[1:], f"[picture]({picture})")
+        shown = ["" if cell == last else cell for cell, last in zip(cells, above, strict=True)]
+        lines.append(f"| {' | '.join(shown)} |\n")
+        above = cells
+    return "".join(lines)
 
 
 def main() -> None:

@@ -105,8 +105,8 @@ def require_free_space(path: str | os.PathLike[str], num_bytes: int) -> None:
     free = shutil.disk_usage(place).free
     if free < num_bytes:
         raise NotEnoughSpaceError(
-            f"{path} needs {_format_size(num_bytes)}, but its disk has {_format_size(free)} free: "
-            "free some space or choose a folder on another disk"
+            f"{path} needs {num_bytes / 2**20:,.1f} MiB, but its disk has {free / 2**20:,.1f} MiB "
+            "free: free some space or choose a folder on another disk"
         )
 
 
@@ -268,16 +268,6 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _format_size(num_bytes: int) -> str:
-    """1536 -> '1.5 KiB'."""
-    size = float(num_bytes)
-    for unit in ("B", "KiB", "MiB", "GiB"):
-        if size < 1024:
-            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
-        size /= 1024
-    return f"{size:.1f} TiB"
 
 
 @contextmanager

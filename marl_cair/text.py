@@ -1,6 +1,9 @@
 """Remove control characters and formulas from text of files and foreign code."""
 
+import csv
+import io
 import unicodedata
+from collections.abc import Iterable
 
 # First characters that make a spreadsheet read a cell as a formula.
 _FORMULA_MARKS = "=+-@"
@@ -28,6 +31,13 @@ def clean_cell(value: object) -> object:
     first = unicodedata.normalize("NFKC", shown[:1])  # of wide forms too
     is_formula = first != "" and first in _FORMULA_MARKS and not _is_number(shown)
     return f"'{shown}" if is_formula else shown
+
+
+def format_csv(rows: Iterable[Iterable[object]]) -> str:
+    """Rows as CSV with line ends of UNIX, each cell as `clean_cell`."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(map(clean_cell, row) for row in rows)
+    return text.getvalue()
 
 
 def _is_number(text: str) -> bool:

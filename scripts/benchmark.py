@@ -1,8 +1,9 @@
-"""The same as `marl-cair benchmark`: python scripts/benchmark.py --help."""
+"""The same as `python -m benchmarks`: python scripts/benchmark.py --help."""
 
+import runpy
 import sys
-
-from marl_cair.cli import main
+from pathlib import Path
 
 if __name__ == "__main__":
-    sys.exit(main(["benchmark", *sys.argv[1:]]))
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+    runpy.run_module("benchmarks", run_name="__main__")

@@ -30,11 +30,11 @@ _TRAINING = {"training", "training.settings", "training.collecting"}
 _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 # What each room of the package may import of it, beside the leaves and itself.
 MAY_IMPORT: dict[str, set[str]] = {
-    **{room: set() for room in (*LEAVES, "games", "policies", "replay", "league.ratings", "conf")},
+    **{room: set() for room in (*LEAVES, "games", "policies", "replay", "conf")},
+    **{room: set() for room in ("league.ratings", "league.store")},
     "browser": {"games"},
     "generative": {"replay", "policies"},
     "checkpoint": {"policies"},
-    "league.store": {"games"},
     "league.agents": {"games", "policies", "checkpoint", "league.store"},
     "league.play": {"games", "league.agents", "league.ratings", "league.store"},
     "league.report": {

@@ -154,7 +154,7 @@ def test_written_file_has_the_rights_of_any_new_file(tmp_path):
 def test_free_space_is_required_of_a_path_that_need_not_exist(tmp_path):
     require_free_space(tmp_path / "x" / "y" / "a.bin", 1)
     assert names_in(tmp_path) == []
-    message = r"runs needs 1024\.0 TiB, but its disk has .*B free: free some space or choose"
+    message = r"runs needs 1,073,741,824\.0 MiB, but its disk has .*B free: free some space"
     with pytest.raises(NotEnoughSpaceError, match=message):
         require_free_space(tmp_path / "runs", 2**50)
     with pytest.raises(ValueError, match="^num_bytes is -1, expected 0 or more$"):

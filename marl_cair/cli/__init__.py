@@ -4,31 +4,36 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from importlib import import_module
 
 from marl_cair import __version__
 from marl_cair.interrupts import interrupts_raised
-from marl_cair.lookup import check_name
+from marl_cair.lookup import LazyTable, find_by_name
 from marl_cair.text import clean_text
 
-# Modules of this package with `run(arguments) -> exit code`.
-COMMANDS = (
-    *("train", "curves", "dashboard", "evaluate", "match", "league", "play", "watch", "replay"),
-    *("experiment", "reproduce", "dataset", "generator", "export", "explain", "flash", "games"),
-    *("verify", "compile", "benchmark"),
+# Each takes the words after its name and returns an exit code; imported when it is called.
+COMMANDS: LazyTable[Callable[[Sequence[str]], int]] = LazyTable(
+    {
+        "train": "marl_cair.cli.train:run",
+        "curves": "marl_cair.cli.curves:run",
+        "dashboard": "marl_cair.cli.viewing.dashboard:run",
+        "evaluate": "marl_cair.cli.evaluate:run",
+        "match": "marl_cair.cli.match:run",
+        "league": "marl_cair.cli.league:run",
+        "play": "marl_cair.cli.viewing.play:run",
+        "watch": "marl_cair.cli.viewing.watch:run",
+        "replay": "marl_cair.cli.viewing.replay:run",
+        "experiment": "marl_cair.cli.experiment:run",
+        "reproduce": "marl_cair.cli.experiment:reproduce",
+        "dataset": "marl_cair.cli.generating.dataset:run",
+        "generator": "marl_cair.cli.generating.generator:run",
+        "export": "marl_cair.cli.agent.export:run",
+        "explain": "marl_cair.cli.agent.explain:run",
+        "flash": "marl_cair.cli.flash:run",
+        "games": "marl_cair.cli.games:run",
+        "verify": "marl_cair.cli.verify:run",
+        "compile": "marl_cair.cli.compile:run",
+    }
 )
-_IN_FOLDERS = {  # modules of commands
-    "dashboard": "viewing.dashboard",
-    "dataset": "generating.dataset",
-    "experiment": "experiments.experiment",
-    "generator": "generating.generator",
-    "export": "agent.export",
-    "explain": "agent.explain",
-    "play": "viewing.play",
-    "replay": "viewing.replay",
-    "reproduce": "experiments.reproduce",
-    "watch": "viewing.watch",
-}
 # The tasks in the order of a user's work: the words of the command, and a description.
 TASKS = {
     "games": "list games, scenarios, representations, actions and bots",
@@ -63,9 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.write(f"marl_cair {__version__}\n")
         return EXIT_DONE
     try:
-        check_name("command", arguments[0], COMMANDS)
-        module = _IN_FOLDERS.get(arguments[0], arguments[0])
-        run: Callable[[list[str]], int] = import_module(f"marl_cair.cli.{module}").run
+        run = find_by_name("command", arguments[0], COMMANDS)
         with interrupts_raised():
             return run(arguments[1:])
     except KeyboardInterrupt:

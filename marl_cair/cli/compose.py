@@ -125,14 +125,8 @@ def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 _FLAGS_WITH_VALUE = {
-    "--cfg",
-    "-c",
-    "--package",
-    "-p",
-    "--config-dir",
-    "-cd",
-    "--config-name",
-    "-cn",
+    *("--cfg", "-c", "--package", "-p"),
+    *("--config-dir", "-cd", "--config-name", "-cn"),
 }
 
 

@@ -8,8 +8,6 @@ same map seeds, each alone.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,13 +20,12 @@ from marl_cair.cli import match_options as shared
 from marl_cair.cli.match import describe_doubts
 from marl_cair.cli.parser import Parser
 from marl_cair.files import write_atomically
-from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Game
-from marl_cair.league.agents.load import find_fingerprint, find_scenario
+from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.league.play.match import play_match, require_rivals
 from marl_cair.league.play.solo import play_alone
 from marl_cair.league.ratings.intervals import mean_interval, median_interval, share_interval
-from marl_cair.text import clean_cell
+from marl_cair.text import format_csv
 
 COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
 _OF_MEDIAN = ("median", "median_low", "median_high")
@@ -37,24 +34,18 @@ ALONE_COLUMNS = ("agent", "number", "games", "mean", "low", "high", *_OF_MEDIAN)
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print a table, each row as soon as it is played; returns the exit code."""
-    options = make_parser().parse_args(shared.update_words("evaluate", arguments))
+    options = make_parser().parse_args(arguments)
     if options.out and Path(options.out).is_dir():
         raise IsADirectoryError(f"--out {options.out} is a folder: give the name of a CSV file")
     twice = {name for name in options.against if options.against.count(name) > 1}
     if twice:
         raise ValueError(f"{', '.join(sorted(twice))} is given twice: name each opponent once")
-    game, name, scenario_options = find_scenario([options.agent], options.game, options.scenario)
-    scenario = game.scenario(name, **{**scenario_options, "reward": game.rated_reward})
-    changes = shared.read_fields(game, scenario, options.fields)
-    scenario = change_scenario(game.name, scenario, changes)
+    game, name, scenario = shared.choose_scenario(options, [options.agent])
     is_alone = game.make_spec(scenario).num_teams == 1
     rows = (_rate_alone if is_alone else _rate_against)(options, game, name, scenario)
     if options.out:
-        text = io.StringIO()
         columns = ALONE_COLUMNS if is_alone else COLUMNS
-        cells = (map(clean_cell, row) for row in (columns, *rows))
-        csv.writer(text, lineterminator="\n").writerows(cells)
-        write_atomically(options.out, text.getvalue())
+        write_atomically(options.out, format_csv([columns, *rows]))
     return EXIT_DONE
 
 
@@ -147,8 +138,6 @@ def make_parser() -> Parser:
         *(*shared.MATCH_OPTIONS, "--record"),
         games_of="against each opponent",
         games="%(default)s",
-        trained="agent",
-        bots_alone="a bot",
     )
     parser.set_defaults(games=500)
     parser.add_argument("--out", help="CSV file to write the table to (default: none is written)")

@@ -1,10 +1,10 @@
-"""`marl-cair games`: list the games as text, as the table of the documentation, or as JSON."""
+"""`marl-cair games`: list the games as text or as JSON."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,9 +14,6 @@ from marl_cair.cli.parser import Parser
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game, GameSpec
 from marl_cair.games.registry import gymnasium_id
-
-COLUMNS = ("game", "scenarios", "players", "actions", "representations", "reward", "picture")
-_HEAD = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|\n"
 
 
 class Row(NamedTuple):
@@ -32,14 +29,9 @@ class Row(NamedTuple):
 def run(arguments: Sequence[str]) -> int:
     """Print the list; returns the exit code."""
     parser = Parser("marl-cair games", description=__doc__)
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="everything, for programs")
-    form.add_argument("--markdown", action="store_true", help="the table of docs/games.md")
-    chosen = parser.parse_args(arguments)
-    if chosen.json:
+    parser.add_argument("--json", action="store_true", help="everything, for programs")
+    if parser.parse_args(arguments).json:
         sys.stdout.write(json.dumps(GAMES.apply_to_all(_describe_for_json), indent=2) + "\n")
-    elif chosen.markdown:
-        sys.stdout.write(_HEAD + "".join(GAMES.apply_to_all(_format_rows).values()))
     else:
         sys.stdout.write("\n".join(GAMES.apply_to_all(_format_game).values()))
     return EXIT_DONE
@@ -106,26 +98,6 @@ def _format_players(spec: GameSpec) -> str:
     if 1 < len(sizes) < spec.num_players:
         return f"{spec.num_players} ({' v '.join(map(str, sizes))})"
     return str(spec.num_players)
-
-
-def format_markdown(games: Iterable[Game]) -> str:
-    """The table of all scenarios, with links from the repository's root; an empty cell repeats the
-    one above it.
-    """
-    return _HEAD + "".join(map(_format_rows, games))
-
-
-def _format_rows(game: Game) -> str:
-    lines = []
-    page, picture = f"marl_cair/games/{game.name}/README.md", f"docs/images/{game.name}.png"
-    above: tuple[str, ...] = ("",) * len(COLUMNS)
-    for row in list_rows(game):
-        scenarios = ", ".join(row.scenarios)
-        cells = (f"[{game.title}]({page})", scenarios, *row[1:], f"[picture]({picture})")
-        shown = ["" if cell == last else cell for cell, last in zip(cells, above, strict=True)]
-        lines.append(f"| {' | '.join(shown)} |\n")
-        above = cells
-    return "".join(lines)
 
 
 def _format_game(game: Game) -> str:

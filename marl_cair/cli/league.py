@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
+
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, require_counts
+from marl_cair.games.replays import REPLAY_SUFFIX, write_replay
 from marl_cair.league.agents.load import find_scenario
 from marl_cair.league.agents.run_folders import MOST_SNAPSHOTS
 from marl_cair.league.play.blocks import SEATINGS
 from marl_cair.league.store.export import FORMATS, QUERIES, export_league
 from marl_cair.league.store.store import STORE_FILE, LeagueStore
-from marl_cair.lookup import LazyTable
+from marl_cair.lookup import LazyTable, check_name
 from marl_cair.text import clean_text
 
 GAMES_PER_PAIR = 40
@@ -33,7 +37,7 @@ def run(arguments: Sequence[str]) -> int:
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
     game, scenario, fields = find_scenario([*agents, *ladder], options.game, options.scenario)
     fields = shared.change_fields(game, scenario, fields, options.fields)
-    max_seconds = _read_time(options.time)
+    max_seconds = shared.read_seconds(options.time, "--time") if options.time else 0.0
     games = options.games
     if games is None:
         is_adaptive = options.ci > 0.0 or max_seconds > 0.0
@@ -97,7 +101,8 @@ def print_status(arguments: Sequence[str]) -> int:
             played = int((games.agents == number).any(axis=1).sum())
             about = agent.kind, agent.evaluation_policy, describe_training(agent), agent.fingerprint
             lines.append(f"  {agent.name}: {played} games; {', '.join(filter(None, about))}")
-        lines += [f"  forfeits, {count}: {reason}" for reason, count in store.read_forfeits()]
+        forfeits = sorted(Counter(filter(None, games.reasons)).items())
+        lines += [f"  forfeits, {count}: {reason}" for reason, count in forfeits]
     sys.stdout.write("\n".join(lines) + "\n")
     return EXIT_DONE
 
@@ -122,6 +127,47 @@ def export(arguments: Sequence[str]) -> int:
     return EXIT_DONE
 
 
+def replay(arguments: Sequence[str]) -> int:
+    """Write games of a league as replay files, played again from their seeds."""
+    parser = _make_folder_parser("replay", replay.__doc__)
+    parser.add_argument(
+        "--between",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="only games in which all these agents play, as the ladder calls them (default: all)",
+    )
+    parser.add_argument("--games", type=int, default=10, help="at most (default: %(default)s)")
+    parser.add_argument(
+        "--to", help="folder to write to (default: `games` in the folder of the league)"
+    )
+    shared.add_options(parser, "--allow-code", *shared.ANSWER_LIMITS, files="the league file")
+    options = parser.parse_args(arguments)
+    require_counts(options, "games")
+    from marl_cair.league.report.replays import NotShownError, ReplayRenderer
+    from marl_cair.league.report.report import name_agents
+
+    folder = Path(options.out)
+    target = Path(options.to or folder / "games")
+    with closing(LeagueStore(folder / STORE_FILE)) as store:
+        stored, names = store.read_games(), name_agents(store.read_agents())
+        for name in options.between:
+            check_name("agent of this league", name, names.values())
+        ids = [number for number, name in names.items() if name in options.between]
+        chosen = [place for place, row in enumerate(stored.agents) if np.isin(ids, row).all()]
+        load = shared.choose_load(options)
+        renderer = ReplayRenderer(store, stored, names, folder, load, options.allow_code)
+        for place in chosen[: options.games]:
+            number, turn = int(stored.line_ups[place]), int(stored.turns[place])
+            name = f"{number:04}-{int(stored.numbers[place]):04}-{turn}{REPLAY_SUFFIX}"
+            try:
+                write_replay(target / name, renderer.play_again(place))
+                sys.stdout.write(f"{target / name}: {renderer.describe(place)}\n")
+            except NotShownError as error:
+                sys.stdout.write(f"not written: {renderer.describe(place)} {error}\n")
+    return EXIT_DONE
+
+
 # name -> "module:function", imported when it is called
 SUBCOMMANDS: LazyTable[Callable[[Sequence[str]], int]] = LazyTable(
     {
@@ -130,7 +176,7 @@ SUBCOMMANDS: LazyTable[Callable[[Sequence[str]], int]] = LazyTable(
         "report": "marl_cair.cli.league:report",
         "status": "marl_cair.cli.league:print_status",
         "export": "marl_cair.cli.league:export",
-        "replay": "marl_cair.cli.viewing.league_replay:run",
+        "replay": "marl_cair.cli.league:replay",
         "add": "marl_cair.cli.league_members:add",
         "mix": "marl_cair.cli.league_members:mix",
         "exploit": "marl_cair.cli.exploit:run",
@@ -163,8 +209,6 @@ def make_parser() -> Parser:
         *("--workers", "--cluster", "--no-replays", "--record"),
         games_of="of each pair",
         games=GAMES_PER_PAIR,
-        trained="first checkpoint",
-        bots_alone="bots alone",
     )
     parser.add_argument(
         "--ladder",
@@ -200,15 +244,6 @@ def make_parser() -> Parser:
         "(default: %(default)s)",
     )
     return parser
-
-
-def _read_time(text: str) -> float:
-    seconds = shared.read_seconds(text) if text else 0.0
-    if seconds is None:
-        raise ValueError(
-            f"--time is {text!r}, it must be a number above 0 with s, m or h, for example 10m"
-        )
-    return seconds
 
 
 def _add_zero(parser: Parser) -> None:

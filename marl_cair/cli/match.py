@@ -39,7 +39,7 @@ class Pairing(NamedTuple):
 
 def run(arguments: Sequence[str]) -> int:
     """Play and print each variant as soon as it is played; returns the exit code."""
-    options = make_parser().parse_args(shared.update_words("match", arguments))
+    options = make_parser().parse_args(arguments)
     game, name, fields = find_scenario(options.agents, options.game, options.scenario)
     variants = read_variants(game, game.scenario(name, **fields), options.fields)
     width = max(map(len, [name, *variants]))
@@ -228,8 +228,6 @@ def make_parser() -> Parser:
         *(*shared.MATCH_OPTIONS, "--record"),
         games_of="of each variant",
         games="%(default)s",
-        trained="first checkpoint",
-        bots_alone="bots alone",
         more="; variant.field=value also plays that variant, and "
         f"{HELDOUT_MAP}=... is short for heldout.map=...",
     )

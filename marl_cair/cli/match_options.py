@@ -17,9 +17,10 @@ from marl_cair.cli.compose import read_value
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.cluster import LOCAL
 from marl_cair.games import GAMES
+from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Agent, Game, GameSpec
 from marl_cair.league.agents.allowed_code import ANSWER_SECONDS, FUNCTION_SECONDS, is_foreign
-from marl_cair.league.agents.load import load_agent
+from marl_cair.league.agents.load import find_scenario, load_agent
 from marl_cair.league.agents.run_folders import Expansion, expand_runs
 from marl_cair.league.play.arena import Load
 from marl_cair.league.play.recording import Recording
@@ -35,8 +36,6 @@ AGENT_HELP = (
     "speaks JSON lines)"
 )
 CHECKPOINT_HELP = "folder of a checkpoint (runs/a/latest) or of a run (runs/a)"
-_OLD_WORD = re.compile(r"[\w.]+=.*", re.DOTALL)
-_FLAGS = ("game", "scenario", "games", "seed", "sprt")
 _SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 # Options as `argparse` takes them; texts in braces are given by each command.
 _OPTIONS: dict[str, dict[str, Any]] = {
@@ -51,11 +50,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--game": {
         "choices": GAMES,  # looked up late: packages and tests add games
-        "help": "default: the game that the {trained} was trained on, or the first choice",
+        "help": "default: the game that the first checkpoint was trained on, or the first choice",
     },
     "--scenario": {
         "help": "a scenario of the game, as `marl-cair games` lists them (default: the one that "
-        "the {trained} was trained on; for {bots_alone} the game's default)",
+        "the first checkpoint was trained on; for bots alone the game's default)",
     },
     "--set": {
         "dest": "fields",
@@ -150,6 +149,16 @@ def read_fields(game: Game, scenario: Any, words: Sequence[str]) -> dict[str, An
     return read_options(game.name, scenario, changes, "scenario")
 
 
+def choose_scenario(options: argparse.Namespace, agents: Sequence[str]) -> tuple[Game, str, Any]:
+    """The game of the options and these agents, the scenario's name, and it as `--set` changes it.
+    Raises as `find_scenario` and `read_fields`.
+    """
+    game, name, fields = find_scenario(agents, options.game, options.scenario)
+    scenario = game.scenario(name, **fields)
+    changes = read_fields(game, scenario, options.fields)
+    return game, name, change_scenario(game.name, scenario, changes)
+
+
 def change_fields(
     game: Game, name: str, fields: Mapping[str, Any], words: Sequence[str]
 ) -> dict[str, Any]:
@@ -157,27 +166,6 @@ def change_fields(
     scenario = game.scenario(name, **fields)
     changes = read_fields(game, scenario, words)
     return {**fields, **getattr(scenario, "follow", dict)(changes)}
-
-
-def update_words(command: str, arguments: Sequence[str]) -> list[str]:
-    """Arguments with old spellings (`field=value`, `--option field=value`) as flags; a line on
-    stderr gives the new spelling.
-    """
-    words: list[str] = []
-    changed: list[str] = []
-    for last, word in zip(["", *arguments], arguments, strict=False):
-        new = word
-        if word == "--option":
-            continue
-        if word.startswith("--option="):
-            new = f"--set={word.removeprefix('--option=')}"
-        elif _OLD_WORD.fullmatch(word) and last != "--set":
-            new = f"--{word}" if word.partition("=")[0] in _FLAGS else f"--set={word}"
-        words.append(new)
-        changed += [new.replace("=", " ", 1)] if new != word else []
-    if changed:
-        sys.stderr.write(f"marl-cair {command}: the new spelling is {' '.join(changed)}\n")
-    return words
 
 
 def expand_agents(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
@@ -205,13 +193,20 @@ def round_games(num_games: int, spec: GameSpec) -> int:
     return rounded
 
 
-def read_seconds(text: str) -> float | None:
-    """Seconds of "90s", "10m" or "2h"; None unless it is a number above 0 with s, m or h."""
+def read_seconds(text: str, option: str, other: str = "") -> float:
+    """Seconds of "90s", "10m" or "2h". Raises ValueError for other words, with `other` forms that
+    the option has.
+    """
     try:
         seconds = float(text[:-1]) * _SECONDS[text[-1:]]
     except (KeyError, ValueError):
-        return None
-    return seconds if 0.0 < seconds < math.inf else None  # NaN is neither
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:  # NaN is neither
+        raise ValueError(
+            f"{option} is {text!r}, it must be {other}a number above 0 with s, m or h, for "
+            "example 10m"
+        )
+    return seconds
 
 
 def read_size(text: str, option: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from marl_cair.lookup import find_by_name
@@ -58,6 +58,24 @@ def refuse_repeats(words: Sequence[str], names: Sequence[str] | None = None) -> 
         if name in first:
             raise ValueError(f"{first[name]!r} and {word!r} set the same option: give it once")
         first[name] = word
+
+
+def run_subcommand(
+    command: str, table: Mapping[str, Callable[[Sequence[str]], int]], arguments: Sequence[str]
+) -> int:
+    """Call the function of the first word with the other words; without words, and for --help, that
+    of the first sub-command with --help. Raises UnknownNameError for another word.
+    """
+    if not arguments or arguments[0] in ("-h", "--help"):
+        return next(iter(table.values()))(["--help"])
+    return find_by_name(f"{command} command", arguments[0], table)(arguments[1:])
+
+
+def require_counts(options: argparse.Namespace, *names: str) -> None:
+    """Raise ValueError for an option of `names` that is given and below 1."""
+    for name in names:
+        if (value := getattr(options, name)) is not None and value < 1:
+            raise ValueError(f"--{name} is {value}, it must be 1 or more")
 
 
 def _quote(words: Sequence[str], place: int) -> str:

@@ -296,9 +296,6 @@ def check_render_mode(game: str, render_mode: str | None) -> None:
         raise ValueError(f"{game}: render_mode is {render_mode!r}, allowed are None and {allowed}")
 
 
-make_parallel_env = GameParallelEnv  # the name that packages of games use
-
-
 def make_aec_env(game: str, scenario: str | None = None, **options: Any) -> AECEnv[str, Any, Any]:
     """The game turn by turn: the players' actions are gathered, then played at once."""
     return parallel_to_aec(GameParallelEnv(game, scenario, **options))

@@ -15,7 +15,7 @@ from marl_cair.league.agents.load import find_fingerprint, load_agent, read_sour
 from marl_cair.league.league import LeagueConfig
 from marl_cair.league.play.adaptive import count_meetings
 from marl_cair.league.play.arena import Load, Rules
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, LeagueStoreError
 
 

@@ -18,7 +18,7 @@ from marl_cair.league.play.arena import Load, Rules
 from marl_cair.league.ratings.equilibrium import find_safest_mixture
 from marl_cair.league.ratings.games import count_points, find_shares, split_pairs
 from marl_cair.league.report.report import name_agents, number_agents
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, LeagueStoreError, StoredGames
 from marl_cair.lookup import find_by_name
 

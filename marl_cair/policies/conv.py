@@ -42,8 +42,6 @@ class ConvBody(Body):
     any input size. `policy.conv_channels` and `policy.conv_strides` replace the layers.
     """
 
-    DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256
-    DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0
     READS_CHANNELS_LAST: ClassVar[bool] = True
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:

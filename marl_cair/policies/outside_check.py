@@ -33,10 +33,11 @@ def check_outside(network: QNetwork) -> None:
     if not parts:
         return
     hooks = [part.register_forward_hook(_make_check(name, size)) for name, part, size in parts]
-    was_training, random = network.training, torch.get_rng_state()
+    was_training = network.training
     network.eval()  # running means, as of batch normalisation, do not change
     try:
-        network(torch.zeros(_NUM_ROWS, *network.observation_shape))
+        with torch.random.fork_rng(devices=[]):
+            network(torch.zeros(_NUM_ROWS, *network.observation_shape))
     except OutsideCodeError:
         raise
     except Exception as error:  # whatever the user's code raises
@@ -50,7 +51,6 @@ def check_outside(network: QNetwork) -> None:
         for hook in hooks:
             hook.remove()
         network.train(was_training)
-        torch.set_rng_state(random)
 
 
 def _make_check(name: str, size: int) -> Callable[[nn.Module, Any, Any], None]:

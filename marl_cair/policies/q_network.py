@@ -1,7 +1,6 @@
 """`QNetwork`: action values of observations, from any body and head."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import torch
@@ -258,7 +257,9 @@ def make_q_network(
     if seed is None:
         network = QNetwork(config, observation_shape, num_actions)
     else:
-        with _seeded_global_generator(seed):
+        with torch.random.fork_rng(devices=[]):
+            # Layers draw from this generator only. torch.manual_seed would reseed the GPUs too.
+            torch.default_generator.manual_seed(seed)
             network = QNetwork(config, observation_shape, num_actions)
     check_outside(network)
     return network
@@ -275,14 +276,3 @@ def _to_float(observation: Tensor, channels_last: bool) -> Tensor:
         f"the observation has dtype {observation.dtype}, but must be torch.uint8 (0..255, scaled "
         "by the network) or floating point (taken as it is): convert it with .float()"
     )
-
-
-@contextmanager
-def _seeded_global_generator(seed: int) -> Iterator[None]:
-    # Layers draw from the global CPU generator only. torch.manual_seed would reseed the GPUs too.
-    state = torch.default_generator.get_state()
-    torch.default_generator.manual_seed(seed)
-    try:
-        yield
-    finally:
-        torch.default_generator.set_state(state)

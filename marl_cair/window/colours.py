@@ -9,7 +9,7 @@ Colour = tuple[int, int, int]
 
 BACKGROUND, PANEL, TRACK = (22, 24, 32), (36, 39, 50), (58, 62, 74)
 INK, DIM, BRIGHT = (238, 240, 246), (150, 156, 172), (94, 252, 242)
-GOOD, BAD, ACCENT = (86, 180, 233), (230, 159, 0), (250, 204, 72)
+GOOD, ACCENT = (86, 180, 233), (250, 204, 72)
 PRESENCE = (214, 51, 108)
 
 

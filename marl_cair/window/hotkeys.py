@@ -114,7 +114,7 @@ def save_replay(window: Window) -> None:
 
 def _save(window: Window, name: str, write: Callable[[Path], None]) -> None:
     """Write a file under the next free name in the window's folder; an error is a message."""
-    first, number = window.settings.folder / name, 0
+    first, number = window.folder / name, 0
     try:
         first.parent.mkdir(parents=True, exist_ok=True)
         while name_game(first, number).exists():

@@ -153,9 +153,6 @@ class Session:
             actions=np.array(played) if played else np.zeros(shape, np.int32),
             winner=None if winner == NO_WINNER else winner,
             is_complete=True,
-            values=None,
-            hashes={},
-            extra={},
         )
         write_replay(path, replay)
 

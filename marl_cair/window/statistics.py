@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from marl_cair.files import write_atomically, write_json
+from marl_cair.text import format_csv
 
 if TYPE_CHECKING:
     from marl_cair.window.session import Session
@@ -28,18 +27,16 @@ def save_statistics(session: Session, path: Path) -> None:
 
 def format_rows(session: Session) -> str:
     """The numbers over time as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     notes = session.history.notes
     resources, scoreboard = notes[0].numbers.resources, notes[0].numbers.scoreboard
     names = [*resources, *(name for name in scoreboard if name not in resources)]
-    writer.writerow(["step", "seconds", "player", "name", *names])
+    rows = [["step", "seconds", "player", "name", *names]]
     for step, seconds, numbers in notes:
         values = numbers.scoreboard | numbers.resources
         for player, name in enumerate(session.names):
-            row = [f"{values[column][player]:g}" for column in names]
-            writer.writerow([step, f"{seconds:.2f}", player, name, *row])
-    return text.getvalue()
+            numbers_of = [f"{values[column][player]:g}" for column in names]
+            rows.append([f"{step}", f"{seconds:.2f}", f"{player}", name, *numbers_of])
+    return format_csv(rows)
 
 
 def describe_game(session: Session) -> dict[str, Any]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pygame
+from numpy.typing import NDArray
 
 from marl_cair.window.boards import Board, Cell, find_board
 from marl_cair.window.camera import Camera
@@ -23,23 +25,7 @@ from marl_cair.window.session import Moment, Session, View
 
 MAX_FPS = 60
 MOST_STEPS = 32  # between two pictures
-MIDDLE = 2  # mouse button
 SCROLL_PIXELS = 64
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of a window.
-
-    Attributes:
-        folder: of screenshots and of replays that are saved by hand.
-        speed: 1 is the game's own.
-        threaded: whether the game goes on beside the drawing, in a thread of its own.
-    """
-
-    folder: Path = Path("runs/play")
-    speed: float = 1.0
-    threaded: bool = True
 
 
 class Window:
@@ -48,16 +34,23 @@ class Window:
     Args:
         session: the games.
         surface: of the display, or any other: films and tests need no display.
+        folder: of screenshots and of replays that are saved by hand.
+        speed: 1 is the game's own.
+        threaded: whether the game goes on beside the drawing, in a thread of its own.
     """
 
     def __init__(
-        self, session: Session, surface: pygame.Surface, settings: Settings | None = None
+        self,
+        session: Session,
+        surface: pygame.Surface,
+        folder: Path = Path("runs/play"),
+        speed: float = 1.0,
+        threaded: bool = True,
     ) -> None:
         self.session, self.surface = session, surface
-        self.settings = settings or Settings()
+        self.folder, self.speed = folder, speed
         self.is_open = True
         self.message = ""
-        self.speed = self.settings.speed
         alone = len(session.persons) == 1
         self.shown = {
             **dict.fromkeys(("menu", "pause", "presence", "grid"), False),
@@ -68,7 +61,7 @@ class Window:
         self.view = View(self.home_seat())
         self.camera = Camera()
         self.moment: Moment = session.look(self.view)
-        self._pool = ThreadPoolExecutor(1) if self.settings.threaded else None
+        self._pool = ThreadPoolExecutor(1) if threaded else None
         self._job: Future[Moment] | None = None
         self.due, self.steps_wanted, self.needs_look = 0.0, 0, False
         self.controls: Sequence[Controls] = ()
@@ -341,3 +334,23 @@ class Window:
             self.session, self.moment, self.list_seats(), inks, speed, self.frame_rates,
             self.tick_rates,
         )  # fmt: skip
+
+
+def film_game(
+    session: Session, size: tuple[int, int], every: int = 1
+) -> Iterator[NDArray[np.uint8]]:
+    """Play a game of agents without a display; yields the window, uint8 [h, w, 3], at the start,
+    after each `every`-th step and at the end.
+    """
+    window = Window(session, pygame.Surface(size), threaded=False)
+    try:
+        while True:
+            if window.moment.step % every == 0 or window.moment.is_over:
+                window.draw()
+                pixels = pygame.surfarray.array3d(window.surface)
+                yield np.ascontiguousarray(pixels.swapaxes(0, 1))
+            if window.moment.is_over:
+                return
+            window.step()
+    finally:
+        window.shut_down()

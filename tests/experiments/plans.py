@@ -3,7 +3,7 @@
 import functools
 from pathlib import Path
 
-from marl_cair.cli.experiments.experiment import compose
+from marl_cair.cli.experiment import compose
 from marl_cair.experiments.cells import make_cells
 from marl_cair.experiments.plan import Plan
 from marl_cair.training.settings.config_file import build_value

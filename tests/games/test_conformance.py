@@ -18,7 +18,7 @@ from gymnasium.utils.env_checker import check_env
 from torchrl.envs.utils import check_env_specs
 
 from marl_cair.games import GAMES, make_engine
-from marl_cair.games.parallel_env import make_aec_env, make_parallel_env
+from marl_cair.games.parallel_env import GameParallelEnv, make_aec_env
 from marl_cair.games.registry import gymnasium_id
 from marl_cair.games.torchrl_env import BatchedGameEnv
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
@@ -112,7 +112,7 @@ def test_the_quick_cases_have_every_representation_and_number_of_players():
 @pytest.mark.filterwarnings("ignore:Observation numpy array is all zeros")  # heat maps, at first
 def test_pettingzoo_accepts(game, scenario, representation):
     def make():
-        return make_parallel_env(game, scenario, representation=representation)
+        return GameParallelEnv(game, scenario, representation=representation)
 
     parallel_api_test(make(), num_cycles=NUM_CYCLES)
     parallel_seed_test(make, num_cycles=NUM_CYCLES)
@@ -132,7 +132,7 @@ def test_pettingzoo_finds_max_cycles_kept(game, scenario, representation):
     chosen = {"scenario": scenario, "representation": representation}
     max_cycles_test(
         SimpleNamespace(
-            parallel_env=partial(with_seed, partial(make_parallel_env, game), **chosen),
+            parallel_env=partial(with_seed, partial(GameParallelEnv, game), **chosen),
             env=partial(with_seed, partial(make_aec_env, game), **chosen),
         )
     )

@@ -1,10 +1,12 @@
 """A window without a display, and a scripted person who presses keys and clicks on cells."""
 
+from pathlib import Path
+
 import pygame
 
 from marl_cair.games import GAMES
 from marl_cair.window.session import Session
-from marl_cair.window.window import Settings, Window
+from marl_cair.window.window import Window
 
 SIZE = (1280, 800)
 
@@ -23,10 +25,8 @@ def make_session(game, scenario=None, players=(None,), **options):
 
 def make_window(game, scenario=None, players=(None,), size=SIZE, folder=None, **options):
     pygame.display.init()  # names of keys
-    settings = Settings(threaded=False, **({} if folder is None else {"folder": folder}))
-    window = Window(
-        make_session(game, scenario, players, **options), pygame.Surface(size), settings
-    )
+    session = make_session(game, scenario, players, **options)
+    window = Window(session, pygame.Surface(size), folder or Path(), threaded=False)
     window.draw()  # lays the parts out
     return window
 

@@ -194,17 +194,17 @@ def test_f5_saves_the_replay_so_far(window):
     Person(window).wait(30)
     press(window, "P")
     press(window, "F5")
-    path = window.settings.folder / "deep_line_wars.replay"
+    path = window.folder / "deep_line_wars.replay"
     assert window.message == f"saved {path}"
     assert len(read_replay(path).actions) == window.moment.step
     press(window, "F5")
-    assert (window.settings.folder / "deep_line_wars-2.replay").is_file()
+    assert (window.folder / "deep_line_wars-2.replay").is_file()
 
 
 def test_f12_saves_a_screenshot(window):
     press(window, "P")
     press(window, "F12")
-    saved = pygame.image.load(window.settings.folder / "screenshot.png")
+    saved = pygame.image.load(window.folder / "screenshot.png")
     assert saved.get_size() == window.surface.get_size()
 
 

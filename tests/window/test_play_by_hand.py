@@ -9,6 +9,7 @@ from marl_cair.games.deep_maze.tables import COLUMN_STEP, ROW_STEP
 from marl_cair.games.deep_rts import state as rts
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.window.session import View
+from tests.games import last_standing
 from tests.window.persons import Person, make_window
 
 MAZE_KEYS = (pygame.K_DOWN, pygame.K_UP, pygame.K_LEFT, pygame.K_RIGHT)
@@ -201,9 +202,6 @@ def test_persons_pass_the_mouse_on_by_tab():
 
 
 def test_an_own_game_is_played_by_digits(monkeypatch):
-    from marl_cair.window.controls import registry
-
-    monkeypatch.setattr(registry, "_MAKERS", {})
-    window = make_window("deep_maze")
-    labels = [text for _, text in window.controls[0].lines]
-    assert labels == ["down", "up", "left", "right"]
+    last_standing.register(monkeypatch)
+    window = make_window(last_standing.NAME, "alone")
+    assert window.controls[0].lines == (("1", "score"), ("2", "leave"), ("3", "finish"))

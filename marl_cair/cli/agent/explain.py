@@ -20,12 +20,10 @@ from numpy.typing import NDArray
 from marl_cair.checkpoint import find_agent, read_description
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.parser import Parser
-from marl_cair.games.checks.scenario import change_scenario
+from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.players.recurrent import call_agent, find_state_size
 from marl_cair.league.agents.foreign import require_answers
-from marl_cair.league.agents.load import find_scenario
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.training.settings.config_file import CONFIG_FILE, read_yaml
 from marl_cair.training.settings.learner import LearnerSettings
@@ -64,13 +62,9 @@ def run(arguments: Sequence[str]) -> int:
     from marl_cair.cli.agent.pictures import draw_all
     from marl_cair.policies.actor import PolicyActor
 
-    options = make_parser().parse_args(shared.update_words("explain", arguments))
-    if options.steps < 1:
-        raise ValueError(f"--steps is {options.steps}, it must be 1 or more")
-    game, name, fields = find_scenario([options.agent], options.game, options.scenario)
-    scenario = game.scenario(name, **fields)
-    changes = shared.read_fields(game, scenario, options.fields)
-    scenario = change_scenario(game.name, scenario, changes)
+    options = make_parser().parse_args(arguments)
+    require_counts(options, "steps")
+    game, name, scenario = shared.choose_scenario(options, [options.agent])
     load = shared.choose_load(options)
     agent = load(options.agent, game.name, scenario)
     if not isinstance(agent, PolicyActor):
@@ -176,12 +170,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--opponent", default="random", help=f"{shared.AGENT_HELP} (default: %(default)s)"
     )
-    shared.add_options(
-        parser,
-        *("--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS),
-        trained="agent",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS)
     parser.add_argument(
         "--steps",
         type=int,

@@ -6,13 +6,18 @@ import sys
 import time
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
 from marl_cair.games.flash.browser.keys import find_key
 from marl_cair.games.flash.client import Game
+from marl_cair.games.flash.description import find_stage
 from marl_cair.lookup import UnknownNameError
+from marl_cair.window.display import open_display
+
+if TYPE_CHECKING:
+    import pygame
 
 _NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",
           "right ctrl": "control", "left alt": "alt", "right alt": "alt"}  # fmt: skip
@@ -27,10 +32,15 @@ def play_by_hand(name: str, *, with_window: bool = True) -> None:
         ValueError: there is no such game; or no pygame, or no display, for a window.
         FlashError: browser or display cannot be started.
     """
-    pygame = _open_display() if with_window else None
+    window = None
+    if with_window:
+        stage = find_stage(name)
+        title = f"{stage.title} (F12 saves the picture)"
+        instead = "give --vnc and use a VNC viewer"
+        window = open_display(stage.size, title, is_resizable=False, instead=instead)
     with Game(name) as game:
-        if pygame is not None:
-            _show(game, pygame)
+        if window is not None:
+            _show(game, window)
             return
         sys.stdout.write(f"VNC server: {game.address}\n")
         sys.stdout.write(f"connect with: xtigervncviewer {game.address}   (end with Ctrl-C)\n")
@@ -41,37 +51,13 @@ def play_by_hand(name: str, *, with_window: bool = True) -> None:
             time.sleep(1.0)
 
 
-def _open_display() -> Any:
-    """Pygame, with its display."""
-    try:
-        import pygame
-    except ModuleNotFoundError:
-        raise ValueError(
-            'a window needs pygame-ce: pip install "marl_cair[play]"; or give --vnc and use a VNC '
-            "viewer"
-        ) from None
-    from marl_cair.window.display import WINDOWLESS
+def _show(game: Game, window: pygame.Surface) -> None:
+    import pygame
 
-    try:
-        pygame.display.init()
-        has_windows = pygame.display.get_driver() not in WINDOWLESS
-    except pygame.error:  # SDL_VIDEODRIVER has one that is not available
-        has_windows = False
-    if not has_windows:
-        raise ValueError(
-            "there is no display for a window: set DISPLAY or WAYLAND_DISPLAY; or give --vnc and "
-            "use a VNC viewer"
-        )
-    return pygame
-
-
-def _show(game: Game, pygame: Any) -> None:
-    window = pygame.display.set_mode(game.stage.size)
-    pygame.display.set_caption(f"{game.stage.title} (F12 saves the picture)")
     pygame.mouse.set_visible(False)  # the game's own mouse cursor is in its picture
     clock = pygame.time.Clock()
     try:
-        while not any(_send(game, pygame, event) for event in pygame.event.get()):
+        while not any(_send(game, event) for event in pygame.event.get()):
             window.blit(pygame.surfarray.make_surface(game.screen().swapaxes(0, 1)), (0, 0))
             pygame.display.flip()
             clock.tick(60)
@@ -79,8 +65,10 @@ def _show(game: Game, pygame: Any) -> None:
         pygame.display.quit()
 
 
-def _send(game: Game, pygame: Any, event: Any) -> bool:
+def _send(game: Game, event: Any) -> bool:
     """Send one event of the window to the game; True where the window was closed."""
+    import pygame
+
     if event.type in (pygame.KEYDOWN, pygame.KEYUP):
         name = pygame.key.name(event.key)
         name = _NAMES.get(name, name)

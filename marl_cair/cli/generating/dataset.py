@@ -9,36 +9,28 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, run_subcommand
 from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.players.random_player import RANDOM
-from marl_cair.league.agents.load import find_scenario
 from marl_cair.lookup import check_name
 
-COLLECT, SHOW = "collect", "show"
 DEFAULT_ROWS = 100_000
 
 
 def run(arguments: Sequence[str]) -> int:
     """Collect a data set, or print the description of one; returns the exit code."""
-    words = list(arguments)
-    if not words or words[0] in ("-h", "--help"):
-        make_parser().parse_args(["--help"])
-    check_name("dataset command", words[0], (COLLECT, SHOW))
-    return (_collect if words[0] == COLLECT else _show)(words[1:])
+    return run_subcommand("dataset", {"collect": _collect, "show": _show}, arguments)
 
 
 def _collect(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(arguments)
     players = options.players.split(",")
     trained = [one for one in players if one != RANDOM]
-    game, name, fields = find_scenario(trained, options.game, options.scenario)
+    game, name, scenario = shared.choose_scenario(options, trained)
     default = "shaped" if "shaped" in game.rewards else game.rated_reward
     reward = options.reward or default
     check_name(f"{game.name} reward", reward, game.rewards)
-    scenario = game.scenario(name, **{**fields, "reward": reward})
-    changes = shared.read_fields(game, scenario, options.fields)
-    scenario = change_scenario(game.name, scenario, changes)
+    scenario = change_scenario(game.name, scenario, {"reward": reward})
     spec = game.make_spec(scenario)
     representation = options.representation or next(iter(spec.representations))
     check_name(f"{game.name} representation", representation, spec.representations)
@@ -100,10 +92,5 @@ def make_parser() -> Parser:
         "--representation", help="what the data set shows (default: the game's first, planes)"
     )
     parser.add_argument("--reward", help="default: shaped where there is one, else the rated one")
-    shared.add_options(
-        parser,
-        *("--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS),
-        trained="player",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS)
     return parser

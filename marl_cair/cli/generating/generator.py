@@ -9,7 +9,7 @@ from typing import Any
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.match_options import read_changes
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, require_counts, run_subcommand
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.lookup import check_name
@@ -21,16 +21,9 @@ _SHOWN = (
 )
 
 
-TRAIN, WATCH = "train", "watch"
-
-
 def run(arguments: Sequence[str]) -> int:
     """Train or watch a generator; returns the exit code."""
-    words = list(arguments)
-    if not words or words[0] in ("-h", "--help"):
-        make_parser().parse_args(["--help"])
-    check_name("generator command", words[0], (TRAIN, WATCH))
-    return (_train if words[0] == TRAIN else _watch)(words[1:])
+    return run_subcommand("generator", {"train": _train, "watch": _watch}, arguments)
 
 
 def _train(arguments: Sequence[str]) -> int:
@@ -66,9 +59,7 @@ def _train(arguments: Sequence[str]) -> int:
 def _watch(arguments: Sequence[str]) -> int:
     """Write a film, and print how long it is."""
     options = make_watch_parser().parse_args(arguments)
-    for name in ("steps", "fps"):
-        if getattr(options, name) < 1:
-            raise ValueError(f"--{name} is {getattr(options, name)}, it must be 1 or more")
+    require_counts(options, "steps", "fps")
     from marl_cair.training.offline.watching import film_generator
 
     count = film_generator(
@@ -166,5 +157,5 @@ def make_watch_parser() -> Parser:
     ):
         text = f"{meaning} (default: %(default)s)"
         parser.add_argument(f"--{name}", type=int, default=default, help=text)
-    shared.add_options(parser, "--seed", *shared.ANSWER_LIMITS, trained="player")
+    shared.add_options(parser, "--seed", *shared.ANSWER_LIMITS)
     return parser

@@ -135,9 +135,7 @@ def make_parser() -> Parser:
     )
     parser.add_argument("game", help="a game of `marl-cair games`")
     parser.add_argument("--browser", action="store_true", required=True, help="play on a page")
-    shared.add_options(
-        parser, "--scenario", "--set", trained="opponent", bots_alone="bots alone", more=""
-    )
+    shared.add_options(parser, "--scenario", "--set")
     parser.add_argument(
         "--opponent",
         metavar="AGENT",

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.cli.viewing import browser_play
 from marl_cair.games import GAMES
-from marl_cair.games.checks.scenario import change_scenario
 from marl_cair.games.game import Agent
 from marl_cair.games.players.random_player import RANDOM
-from marl_cair.league.agents.load import find_scenario
 from marl_cair.lookup import find_by_name
+from marl_cair.window.display import import_pygame, open_display
 
 if TYPE_CHECKING:
     from marl_cair.window.session import Session
@@ -45,28 +43,15 @@ def run(arguments: Sequence[str]) -> int:
 def show_games(options: argparse.Namespace, agents: Sequence[str], num_persons: int) -> int:
     """Open a window in which persons and agents play; returns the exit code."""
     import_pygame()
-    from marl_cair.window.display import open_display
-    from marl_cair.window.window import Settings, Window
+    from marl_cair.window.window import Window
 
     size = read_window_size(options.size)
     if not 0.01 <= options.speed <= 1_000.0:
         raise ValueError(f"--speed is {options.speed}, it must be in 0.01..1000")
     session = make_session(options, agents, num_persons)
     surface = open_display(size, f"{session.game.title}: marl_cair")
-    Window(session, surface, Settings(folder=Path(options.folder), speed=options.speed)).run()
+    Window(session, surface, Path(options.folder), options.speed).run()
     return EXIT_DONE
-
-
-def import_pygame() -> None:
-    """Import pygame. Raises ValueError, which names the extra, if it is not installed."""
-    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    try:
-        import pygame  # noqa: F401
-    except ModuleNotFoundError:
-        raise ValueError(
-            'a window needs pygame-ce: pip install "marl_cair[play]" (no display is needed for '
-            "matches, leagues and training)"
-        ) from None
 
 
 def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons: int) -> Session:
@@ -75,11 +60,7 @@ def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons
     """
     from marl_cair.window.session import Session
 
-    game, name, fields = find_scenario(agents, options.game, options.scenario)
-    scenario = game.scenario(name, **fields)
-    scenario = change_scenario(
-        game.name, scenario, shared.read_fields(game, scenario, options.fields)
-    )
+    game, name, scenario = shared.choose_scenario(options, agents)
     num_seats = game.make_spec(scenario).num_players
     first = getattr(options, "seat", 0)
     seats = seat_players(agents, num_seats, num_persons, first, f"{game.name} {name}")
@@ -178,12 +159,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--humans", type=int, default=1, help="people at this machine (default: %(default)s)"
     )
-    shared.add_options(
-        parser,
-        *("--seed", "--scenario", "--set", *shared.ANSWER_LIMITS),
-        trained="opponent",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", "--scenario", "--set", *shared.ANSWER_LIMITS)
     parser.add_argument(
         "--browser",
         action="store_true",
@@ -191,8 +167,3 @@ def make_parser() -> Parser:
     )
     add_window_options(parser)
     return parser
-
-
-def describe_seats(session: Any) -> str:
-    """The players by seat, for a line of text."""
-    return ", ".join(f"{seat} {name}" for seat, name in enumerate(session.names))

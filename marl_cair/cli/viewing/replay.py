@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from marl_cair.cli import EXIT_DONE
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.files import atomic_path
 from marl_cair.games import GAMES
 from marl_cair.games.replays import Replay, read_replay, replay_steps
@@ -33,9 +33,7 @@ STATES, VIEWER = ".npz", ".html"
 def run(arguments: Sequence[str]) -> int:
     """Print or export; returns the exit code."""
     options = make_parser().parse_args(arguments)
-    for name, value in (("every", options.every), ("fps", options.fps)):
-        if value is not None and value < 1:
-            raise ValueError(f"--{name} is {value}, it must be 1 or more")
+    require_counts(options, "every", "fps")
     suffix = Path(options.to or "").suffix
     if suffix not in (*WRITERS, STATES, VIEWER):
         raise ValueError(

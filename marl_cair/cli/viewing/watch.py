@@ -8,17 +8,16 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.cli.viewing.play import (
     add_window_options,
-    describe_seats,
-    import_pygame,
     make_session,
     read_window_size,
     show_games,
 )
 from marl_cair.league.play.film import WRITERS
 from marl_cair.lookup import find_by_name
+from marl_cair.window.display import import_pygame
 
 LEAST_FPS = 10
 
@@ -28,21 +27,19 @@ def run(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(arguments)
     if options.to is None:
         return show_games(options, options.agents, 0)
+    require_counts(options, "every", "fps")
     path, size = Path(options.to), read_window_size(options.size)
     write = find_by_name("kind of film", path.suffix, WRITERS)
     import_pygame()
-    from marl_cair.window.film import film_game
+    from marl_cair.window.window import film_game
 
     session = make_session(options, options.agents, 0)
     every = options.every or (session.steps_per_decision if path.suffix == ".gif" else 1)
-    if every < 1:
-        raise ValueError(f"--every is {every}, it must be 1 or more")
     fps = options.fps or max(LEAST_FPS, round(session.steps_per_second / every))
-    if fps < 1:
-        raise ValueError(f"--fps is {fps}, it must be 1 or more")
+    seats = ", ".join(f"{seat} {name}" for seat, name in enumerate(session.names))
     num_frames = write(path, film_game(session, size, every), fps)
     sys.stdout.write(
-        f"{describe_seats(session)}: {session.describe_end()} after {len(session.history.actions)} "
+        f"{seats}: {session.describe_end()} after {len(session.history.actions)} "
         f"steps; {path} has {num_frames} frames, {fps} in a second\n"
     )
     return EXIT_DONE
@@ -61,12 +58,7 @@ def make_parser() -> Parser:
         metavar="AGENT",
         help=f"one for each seat, the last takes all that are left: {shared.AGENT_HELP}",
     )
-    shared.add_options(
-        parser,
-        *("--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS),
-        trained="agents",
-        bots_alone="bots alone",
-    )
+    shared.add_options(parser, "--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS)
     parser.add_argument(
         "--to",
         metavar="FILE",

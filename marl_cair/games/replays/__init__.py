@@ -5,18 +5,18 @@ from marl_cair.games.replays.reader import read_replay
 from marl_cair.games.replays.replay import Replay, ReplayError, hash_state, replay_steps
 from marl_cair.games.replays.writer import (
     FLUSH_SECONDS,
-    CommonHead,
     ReplayWriter,
+    describe_engine,
     write_replay,
 )
 
 __all__ = [
     "FLUSH_SECONDS",
     "REPLAY_SUFFIX",
-    "CommonHead",
     "Replay",
     "ReplayError",
     "ReplayWriter",
+    "describe_engine",
     "hash_state",
     "read_replay",
     "replay_steps",

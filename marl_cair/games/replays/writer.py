@@ -25,24 +25,16 @@ HASH_EVERY_STEPS = 256
 FLUSH_SECONDS = 1.0
 
 
-class CommonHead:
-    """What the heads of all games on one engine share. Files that are given one are written faster,
-    as a league needs it: they are not synced to the disk one by one.
-    """
-
-    def __init__(self, engine: BatchedEngine) -> None:
-        values = {
-            "format": layout.FORMAT,
-            "format_version": layout.FORMAT_VERSION,
-            "game": engine.game.name,
-            "rules_version": engine.game.version,
-            "scenario": dataclasses.asdict(engine.scenario),
-        }
-        self.text = json.dumps(values)
-
-    def complete(self, **own: Any) -> bytes:
-        """The line of one game."""
-        return f"{self.text[:-1]}, {json.dumps(own)[1:]}\n".encode()
+def describe_engine(engine: BatchedEngine) -> str:
+    """The part of a head that all games on one engine share, as JSON."""
+    values = {
+        "format": layout.FORMAT,
+        "format_version": layout.FORMAT_VERSION,
+        "game": engine.game.name,
+        "rules_version": engine.game.version,
+        "scenario": dataclasses.asdict(engine.scenario),
+    }
+    return json.dumps(values)
 
 
 class ReplayWriter:
@@ -55,7 +47,8 @@ class ReplayWriter:
         players: names of the players, one for each seat.
         extra: plain data to keep with the game.
         world: of the engine.
-        common: of the heads of many games on `engine`.
+        common: `describe_engine`, computed once for many games on `engine`. Files that are given it
+            are written faster, as a league needs it: they are not synced to the disk one by one.
 
     Raises ValueError for another number of players, OSError where the file cannot be written.
     """
@@ -69,7 +62,7 @@ class ReplayWriter:
         players: Sequence[str],
         extra: Mapping[str, Any] | None = None,
         world: int = 0,
-        common: CommonHead | None = None,
+        common: str | None = None,
     ) -> None:
         self._engine, self._world = engine, world
         spec = engine.spec
@@ -78,9 +71,8 @@ class ReplayWriter:
                 f"players are {list(players)}, the game has {spec.num_players} seats: name one "
                 "player for each"
             )
-        head = (common or CommonHead(engine)).complete(
-            map_seed=int(map_seed), players=list(players), extra=dict(extra or {})
-        )
+        own = {"map_seed": int(map_seed), "players": list(players), "extra": dict(extra or {})}
+        head = f"{(common or describe_engine(engine))[:-1]}, {json.dumps(own)[1:]}\n"
         self._shape, self._dtype = (spec.num_players, *spec.action_shape), layout.action_type(spec)
         self._shapes: dict[str, tuple[int, ...]] | None = None  # of values, from the first step on
         self._deflate = zlib.compressobj(wbits=layout.WINDOW_BITS, memLevel=5)
@@ -91,7 +83,7 @@ class ReplayWriter:
         if self._is_synced:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
         self._file = open(path, "wb")  # noqa: PTH123, SIM115  # closed by `close`; faster than Path's
-        self._file.write(head)
+        self._file.write(head.encode())
         if self._is_synced:
             self._write_hash()
             self._file.flush()

@@ -85,9 +85,7 @@ class ForeignAgent:
         return {"seed": self._seed, "step": self._step, "broken": self._broken}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        self._broken = state["broken"]
-        # Runs of older versions stored the agent's own state in their place.
-        self._seed, self._step = state.get("seed", 0), state.get("step", 0)
+        self._seed, self._step, self._broken = state["seed"], state["step"], state["broken"]
 
     def act(
         self,

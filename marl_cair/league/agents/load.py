@@ -23,7 +23,7 @@ from marl_cair.league.agents.allowed_code import is_foreign, is_process
 from marl_cair.league.agents.foreign import ForeignAgent, load_foreign
 from marl_cair.league.agents.mixtures import is_mixture, read_mixture
 from marl_cair.league.agents.process import load_hosted, load_process
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.lookup import find_by_name
 from marl_cair.outside import read_code
 from marl_cair.policies import PLAYS, SAMPLED

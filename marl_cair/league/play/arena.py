@@ -24,7 +24,7 @@ from marl_cair.league.play.blocks import Entrant
 from marl_cair.league.play.playing import CHUNKS_AT_ONCE, line_up_seed, size_chunk
 from marl_cair.league.play.recording import Recording
 from marl_cair.league.play.schedule import Job
-from marl_cair.league.store.records import PlayedGame
+from marl_cair.league.store.schema import PlayedGame
 from marl_cair.league.store.store import LeagueStore
 from marl_cair.lookup import find_by_name
 
@@ -95,10 +95,6 @@ class Rules:
         scenario = game.scenario(None, **restore_fields(settings["scenario"]))
         return cls(game, scenario, int(settings["seed"]), str(settings["seating"]))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """For workers: a game is pickled by its name."""
-        return _restore_rules, (self.game.name, self.scenario, self.seed, self.seating)
-
     def play(
         self, line_up: Sequence[Entrant], chunks: Sequence[int], record: Path | None = None
     ) -> list[PlayedGame]:
@@ -115,10 +111,6 @@ class Rules:
                 line_up_seed(self.seed, prints),
                 Recording(record, tuple(one.name for one in line_up)) if record else None,
             )
-
-
-def _restore_rules(game: str, scenario: Any, seed: int, seating: str) -> Rules:
-    return Rules(GAMES[game], scenario, seed, seating)
 
 
 class Arena:

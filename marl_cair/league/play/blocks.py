@@ -18,7 +18,7 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.league.play import playing
 from marl_cair.league.play.playing import Chunk, Places, Seating
 from marl_cair.league.play.recording import Recording, recording
-from marl_cair.league.store.records import PlayedGame
+from marl_cair.league.store.schema import PlayedGame
 
 GAMES_PER_CHUNK = 8  # at least, in whole blocks
 SEATINGS = ("ring", "all")

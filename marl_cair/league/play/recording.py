@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.replays import FLUSH_SECONDS, REPLAY_SUFFIX, CommonHead, ReplayWriter
+from marl_cair.games.replays import FLUSH_SECONDS, REPLAY_SUFFIX, ReplayWriter, describe_engine
 from marl_cair.games.replays.layout import action_type
 from marl_cair.league.play.playing import Chunk, Step, find_remaining
 
@@ -122,8 +122,8 @@ def _open_files(
         - np.unique(blocks, return_index=True)[1][np.unique(blocks, return_inverse=True)[1]]
     )
     players = _name_players(record, engine, chunks)
-    common = CommonHead(engine)
-    digest = hashlib.sha256(common.text.encode())
+    common = describe_engine(engine)
+    digest = hashlib.sha256(common.encode())
     record.folder.mkdir(parents=True, exist_ok=True)
     letters = "-v-".join(re.sub(r"[^\w.]+", "_", name).strip("_") for name in record.names)
     place = record.folder / letters[:_MOST_LETTERS]

@@ -19,7 +19,7 @@ from marl_cair.league.ratings.games import Games
 from marl_cair.league.ratings.payoffs import Share, find_map_shares
 from marl_cair.league.ratings.rate import Rating, describe_method
 from marl_cair.league.report.replays import ShownGame
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
 
 COMMANDS, VERSIONS = "commands", "versions"  # settings of a league file
@@ -153,9 +153,8 @@ def describe_training(record: AgentRecord) -> str:
 
 
 def _read_training(record: AgentRecord) -> dict[str, Any]:
-    """As `agents.describe_training` wrote it; older files do not have the total."""
-    about = dict(json.loads(record.configuration).get("training", {}))
-    return {"frames_total": about["frames"], **about} if about else {}
+    """As `agents.describe_training` wrote it; empty for an agent that was not trained."""
+    return dict(json.loads(record.configuration).get("training", {}))
 
 
 def list_versions() -> str:

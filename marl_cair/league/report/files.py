@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, fields
 from pathlib import Path
@@ -16,7 +14,7 @@ from marl_cair.league.ratings.fit import FitTest
 from marl_cair.league.report.render import render_html, render_markdown, render_text
 from marl_cair.league.report.sections import Report
 from marl_cair.league.report.table import LeagueTable
-from marl_cair.text import clean_cell
+from marl_cair.text import format_csv
 
 Rows = Iterator[tuple[Any, ...]]
 
@@ -48,7 +46,8 @@ def write_report(folder: Path, report: Report) -> str:
     text = render_text(report)
     write_atomically(folder / "ladder.txt", text)
     for name, rows in _list_rows(report).items():
-        write_atomically(folder / f"{name}.csv", _format_csv(_COLUMNS[name], rows))
+        cells = ([f"{c:.4f}" if isinstance(c, float) else c for c in row] for row in rows)
+        write_atomically(folder / f"{name}.csv", format_csv([_COLUMNS[name], *cells]))
     write_figures(folder, report)
     write_atomically(folder / "report.md", render_markdown(report))
     write_atomically(folder / "report.html", render_html(report))
@@ -116,13 +115,3 @@ def _list_differences(table: LeagueTable) -> Rows:
             else:
                 bound = "lower" if own.group < other.group else "upper"
                 yield own.name, other.name, *_format_elo(own.elo - other.elo), "", "", bound
-
-
-def _format_csv(header: Sequence[str], rows: Rows | Sequence[tuple[Any, ...]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    for row in rows:
-        cells = (f"{cell:.4f}" if isinstance(cell, float) else cell for cell in row)
-        writer.writerow(map(clean_cell, cells))
-    return text.getvalue()

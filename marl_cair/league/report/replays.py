@@ -22,10 +22,10 @@ from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_fingerprint, read_source
 from marl_cair.league.play.arena import Load, Rules, one_torch_thread
 from marl_cair.league.play.blocks import Entrant, make_chunk, seat_line_up
-from marl_cair.league.play.playing import Step, line_up_seed, map_seeds, play_out, start_engine
+from marl_cair.league.play.playing import Step, line_up_seed, play_out, start_engine
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
 from marl_cair.league.ratings.rate import Rating
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
 from marl_cair.outside import CodeNotAllowedError
 from marl_cair.stored import DamagedFileError
@@ -247,8 +247,6 @@ class ReplayRenderer:
                 actions.append(step.actions[world].copy())
 
         map_seed = line_up_seed(rules.seed, [self._records[one].fingerprint for one in line_up])
-        if map_seeds(map_seed, np.array([block]))[0] != self.stored.map_seeds[place]:
-            map_seed = rules.seed  # of older leagues, in which all line-ups had the same map seeds
         engine = start_engine(rules.game, rules.scenario, map_seed, (chunk,))
         with one_torch_thread():
             ended = play_out(engine, (chunk,), seatings, rules.seed, keep)

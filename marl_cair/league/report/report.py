@@ -23,7 +23,7 @@ from marl_cair.league.report.replays import FOLDER as REPLAYS
 from marl_cair.league.report.replays import ReplayRenderer, choose_games
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.report.table import make_table
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
 
 

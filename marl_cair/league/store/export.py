@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import Any
 from marl_cair.files import atomic_path, write_atomically
 from marl_cair.league.store.store import LeagueStore
 from marl_cair.lookup import find_by_name
-from marl_cair.text import clean_cell
+from marl_cair.text import format_csv
 
 # Queries by the name of the table; `games` has a row for each team of each game.
 QUERIES = {
@@ -45,10 +43,7 @@ def export_league(store: LeagueStore, folder: Path, file_format: str) -> list[Pa
 
 
 def _write_csv(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    text = io.StringIO()
-    cells = (map(clean_cell, row) for row in (columns, *rows))
-    csv.writer(text, lineterminator="\n").writerows(cells)
-    write_atomically(path, text.getvalue())
+    write_atomically(path, format_csv([columns, *rows]))
 
 
 def _write_json(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:

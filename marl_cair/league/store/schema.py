@@ -1,4 +1,4 @@
-"""Tables of a league file: creation, migrations from older versions, and validation.
+"""Tables of a league file: their rows, creation and validation.
 
 Inconsistent contents raise `sqlite3.DatabaseError`, as SQLite does for a damaged file.
 """
@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
 from typing import Any
-
-import numpy as np
 
 SCHEMA_VERSION = 4
 # A block is in the file with all its games or not at all: each chunk is one transaction.
@@ -82,6 +81,36 @@ CREATE TABLE rating (
 """
 
 
+@dataclass(frozen=True)
+class AgentRecord:
+    """A row of the table `agent`; see TABLES."""
+
+    fingerprint: str
+    name: str
+    kind: str
+    evaluation_policy: str
+    rules_version: str
+    configuration: str  # JSON
+
+
+@dataclass(frozen=True)
+class PlayedGame:
+    """One finished game of a line-up; each tuple has a value for each of the T teams."""
+
+    block: int  # number of the block within the line-up
+    number: int  # number of the game within the block
+    map_seed: int  # the engine's
+    entries: tuple[int, ...]  # the entry of the line-up that has played the team
+    points: tuple[float, ...]  # in sum 1; a draw is shared by the teams that were left
+    ranks: tuple[float, ...]  # 1 is the best; equal teams share the mean
+    winner: int  # the winning team, or NO_WINNER
+    is_truncated: bool  # whether the time limit has ended the game
+    decisions: int  # steps of each seat that was in to the end
+    trajectory: str  # hash of all actions, the first and the last board
+    forfeited: tuple[bool, ...]  # whether the team has crashed or played an illegal action
+    reason: str  # of the forfeit; "" without one
+
+
 class SchemaError(ValueError):
     """No league file, or one of a version that this program cannot read."""
 
@@ -113,92 +142,15 @@ def read_meta(database: sqlite3.Connection) -> dict[str, Any]:
     return {str(key): json.loads(value) for key, value in held}
 
 
-def migrate(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
-    """Migrate the tables to SCHEMA_VERSION in the open transaction.
-
-    settings: of the league that opens the file; older versions did not store all of them. Raises
-    SchemaError for a newer version, or one that was never released.
-    """
-    version = read_meta(database).get("schema_version")
-    if not isinstance(version, int) or version > SCHEMA_VERSION:
+def require_version(held: Mapping[str, Any]) -> None:
+    """Raise SchemaError unless the settings are of a file of SCHEMA_VERSION."""
+    version = held.get("schema_version")
+    if version != SCHEMA_VERSION:
         raise SchemaError(
-            f"has schema version {version}, this marl_cair reads versions up to {SCHEMA_VERSION}: "
-            "update marl_cair, or give another folder"
+            f"has schema version {version}, this marl_cair reads version {SCHEMA_VERSION}: take "
+            "the marl_cair that wrote it, or give another folder"
         )
-    while version < SCHEMA_VERSION:
-        if version not in _MIGRATIONS:
-            raise SchemaError(f"has schema version {version}, which cannot be brought up")
-        _MIGRATIONS[version](database, settings)
-        version += 1
 
-
-def _migrate_2(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
-    """Version 2 had both teams in a row of `game`, no kinds of agents and no forfeits."""
-    if "team_of_seat" not in settings:
-        raise SchemaError(
-            "has schema version 2, which does not say which seats play together: give the command "
-            "that played it (`marl-cair league ...`) once more, which brings it up"
-        )
-    meta = read_meta(database)
-    agents = database.execute("SELECT id, fingerprint, name FROM agent").fetchall()
-    games = database.execute(
-        "SELECT first, second, block, first_seat, winner, is_truncated, decisions, fingerprint "
-        "FROM game ORDER BY first, second, block, first_seat"
-    ).fetchall()
-    for table in ("game", "agent", "meta"):
-        database.execute(f"DROP TABLE {table}")
-    del meta["schema_version"]
-    teams = list(settings["team_of_seat"])
-    create_tables(database, {**settings, **meta})
-    version = str(meta["game_version"])
-    from marl_cair.games.randomness import episode_seeds  # compiled: numba takes a second
-
-    database.executemany(
-        "INSERT INTO agent VALUES (?, ?, ?, 'unknown', 'unknown', ?, '{}')",
-        [(*agent, version) for agent in agents],
-    )
-    blocks: dict[tuple[str, int], int] = {}
-    for first, second, block, first_seat, winner, *about, fingerprint in games:
-        key = f"{first} {second}", block
-        if key not in blocks:
-            map_seed = episode_seeds(meta["seed"], np.array([block]), np.zeros(1, np.int64))
-            cursor = database.execute(
-                "INSERT INTO block (line_up, number, map_seed) VALUES (?, ?, ?)",
-                (*key, str(map_seed[0])),
-            )
-            blocks[key] = int(cursor.lastrowid or 0)
-        own = teams[first_seat]
-        winning = None if winner < 0 else teams[winner]
-        game = database.execute(
-            "INSERT INTO game (block, number, status, is_truncated, decisions, trajectory, reason) "
-            "VALUES (?, ?, 'played', ?, ?, ?, '')",
-            # Hashes of actions alone: never equal to those of newer games.
-            (blocks[key], own, *about, f"actions {fingerprint}"),
-        ).lastrowid
-        for team in (0, 1):
-            entry = int(team != own)
-            points = 0.5 if winning is None else float(team == winning)
-            row = game, team, entry, (first, second)[entry], points, 2.0 - points, team == winning
-            database.execute("INSERT INTO team VALUES (?, ?, ?, ?, ?, ?, ?, 0)", row)
-
-
-def _migrate_3(database: sqlite3.Connection, settings: Mapping[str, Any]) -> None:
-    """Version 3 had another fingerprint for a function that runs in a process of its own.
-
-    A file with both agents keeps both, as each has its games.
-    """
-    database.execute(
-        "UPDATE OR IGNORE agent SET fingerprint = replace(fingerprint, 'hosted ', 'foreign ') "
-        "WHERE fingerprint LIKE 'hosted %'"
-    )
-    database.execute("UPDATE meta SET value = '4' WHERE key = 'schema_version'")
-
-
-# By the version that each migrates to the next one.
-_MIGRATIONS: dict[int, Callable[[sqlite3.Connection, Mapping[str, Any]], None]] = {
-    2: _migrate_2,
-    3: _migrate_3,
-}
 
 _SETTINGS = {
     "game": str,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.league.store import schema
-from marl_cair.league.store.records import AgentRecord, PlayedGame
+from marl_cair.league.store.schema import AgentRecord, PlayedGame
 from marl_cair.text import clean_text
 
 STORE_FILE = "league.sqlite"
@@ -60,14 +60,14 @@ class StoredGames:
 
 
 class LeagueStore:
-    """The league file at `path`, created if missing; a file of an older version is migrated. A file
-    that is read-only can be read, unless a killed league has left a log beside it.
+    """The league file at `path`, created if missing. A file that is read-only can be read, unless a
+    killed league has left a log beside it.
 
     settings: plain data that results depend on, beside the agents (game, rules version, scenario,
     seed, seating, team of each seat); a file with other settings is refused. None: the file must
     exist, and has any settings.
 
-    Raises LeagueStoreError: no league file, one of a newer version, a damaged one, or one with
+    Raises LeagueStoreError: no league file, one of another version, a damaged one, or one with
     other settings. Each method raises it if the file cannot be read or written.
     """
 
@@ -102,8 +102,7 @@ class LeagueStore:
                 return schema.read_meta(self._database)
             if settings is not None:
                 self._check_settings(held, settings)
-            schema.migrate(self._database, settings or {})
-            held = schema.read_meta(self._database)
+            schema.require_version(held)
             schema.check_settings(held)
         return held
 
@@ -233,13 +232,6 @@ class LeagueStore:
             schema.check_games([row[11:] for row in rows], num_teams)
             prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
             return _parse_games(rows, prints, num_teams)
-
-    def read_forfeits(self) -> list[tuple[str, int]]:
-        """Reasons of forfeits, and the number of games for each."""
-        with self._explain_errors():
-            query = "SELECT reason, count(*) FROM game WHERE status = 'forfeit' GROUP BY 1"
-            rows = self._database.execute(f"{query} ORDER BY 1")
-            return [(clean_text(str(reason)), int(count)) for reason, count in rows]
 
     def note(self, key: str, value: str) -> None:
         """Add `value` to the texts under `key`, once."""

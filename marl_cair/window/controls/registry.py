@@ -1,8 +1,8 @@
-"""Makes the controls of each person: a table by game, and digits for games without an entry."""
+"""Makes the controls of each person: mouse or keys by game, digits for other games."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import pygame
 
@@ -22,49 +22,32 @@ MAZE_KEYS = (
 FLAP_KEYS = (pygame.K_SPACE, pygame.K_UP, pygame.K_w, pygame.K_i, pygame.K_KP8, pygame.K_q,
              pygame.K_y, pygame.K_RETURN)  # fmt: skip
 DIGITS = tuple(range(pygame.K_1, pygame.K_9 + 1))
-
-
-def _make_line_wars(session: Session, seat: int, person: int, board: Board | None) -> Controls:
-    return LineWarsControls(session, seat, _require(board))
-
-
-def _make_rts(session: Session, seat: int, person: int, board: Board | None) -> Controls:
-    if session.scenario.actions != "classic":
-        return RtsControls(session, seat, _require(board))
-    keys = {key: find_action(session.spec, name) for key, name in CLASSIC_KEYS.items()}
-    return KeyControls(session, seat, keys)
-
-
-def _make_maze(session: Session, seat: int, person: int, board: Board | None) -> Controls:
-    return KeyControls(session, seat, dict(zip(MAZE_KEYS[person], range(4), strict=True)))
-
-
-def _make_flappy(session: Session, seat: int, person: int, board: Board | None) -> Controls:
-    return KeyControls(session, seat, {FLAP_KEYS[person]: find_action(session.spec, "flap")})
-
-
-def _make_digits(session: Session, seat: int, person: int, board: Board | None) -> Controls:
-    others = [a for a in range(session.spec.num_actions) if a != session.spec.noop_action]
-    return KeyControls(session, seat, dict(zip(DIGITS, others, strict=False)))
-
-
-def _require(board: Board | None) -> Board:
-    if board is None:
-        raise ValueError("controls by mouse need a game with a board")
-    return board
-
-
-_MAKERS: dict[str, Callable[[Session, int, int, Board | None], Controls]] = {
-    "deep_line_wars": _make_line_wars,
-    "deep_rts": _make_rts,
-    "deep_maze": _make_maze,
-    "flappy_bird": _make_flappy,
-}
 # Games that wait for a person who plays alone.
 TURNS = ("deep_maze",)
 
 
 def make_controls(session: Session, board: Board | None) -> Sequence[Controls]:
     """The controls of each person, in the order of their seats."""
-    make = _MAKERS.get(session.game.name, _make_digits)
-    return [make(session, seat, person, board) for person, seat in enumerate(session.persons)]
+    return [_make(session, seat, person, board) for person, seat in enumerate(session.persons)]
+
+
+def _make(session: Session, seat: int, person: int, board: Board | None) -> Controls:
+    game = session.game.name
+    if game == "deep_line_wars" and board is not None:
+        return LineWarsControls(session, seat, board)
+    if game == "deep_rts" and board is not None and session.scenario.actions != "classic":
+        return RtsControls(session, seat, board)
+    return KeyControls(session, seat, _choose_keys(session, person))
+
+
+def _choose_keys(session: Session, person: int) -> dict[int, int]:
+    """The actions of the keys of a person."""
+    game, spec = session.game.name, session.spec
+    if game == "deep_rts":
+        return {key: find_action(spec, name) for key, name in CLASSIC_KEYS.items()}
+    if game == "deep_maze":
+        return dict(zip(MAZE_KEYS[person], range(4), strict=True))
+    if game == "flappy_bird":
+        return {FLAP_KEYS[person]: find_action(spec, "flap")}
+    others = [a for a in range(spec.num_actions) if a != spec.noop_action]
+    return dict(zip(DIGITS, others, strict=False))

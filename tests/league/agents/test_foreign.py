@@ -132,14 +132,6 @@ def test_observations_cannot_be_changed_by_an_agent():
     assert play(act).forfeits == ()
 
 
-def test_a_state_of_older_versions_is_restored():
-    agent = wrap(lambda observation, mask: np.full(len(mask), FINISH))
-    seen = np.zeros((2, 1)), np.ones((2, 4), np.bool_)
-    for broken, action in (("", FINISH), ("crashed", -1)):
-        agent.load_state_dict({"agent": None, "broken": broken})
-        assert agent.act(*seen).tolist() == [action] * 2
-
-
 def crash_once(action):
     """Plays `action` after a crash in the first call."""
     calls = []

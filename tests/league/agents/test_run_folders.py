@@ -131,7 +131,7 @@ def test_a_run_is_its_newest_agent_in_other_commands(tmp_path, capsys):
     record = describe_agent("a", own, GAME, run)
     assert record == describe_agent("a", newest, GAME, f"{run}/latest")
     assert read_source(record) == f"{run}/latest"
-    assert main(["match", run, "random", "games=2", "max_ticks=100"]) == 0
+    assert main(["match", run, "random", "--games=2", "--set=max_ticks=100"]) == 0
     assert f"A = {run}, B = random on deep_line_wars 11x11" in capsys.readouterr().out
     assert main(["evaluate", run, "--games", "2", "--set", "max_ticks=100"]) == 0
 
@@ -180,7 +180,7 @@ def test_best_responses_stand_for_their_mixture_or_for_the_best(tmp_path, capsys
     for run, inside in ((mixed, "mixture"), (response, "candidates/seed_0_stage_002")):
         own, meant = load_agent(run), load_agent(run / inside)
         assert find_fingerprint(own, GAME) == find_fingerprint(meant, GAME)
-        assert main(["match", str(run), "random", "games=2", "max_ticks=100"]) == 0
+        assert main(["match", str(run), "random", "--games=2", "--set=max_ticks=100"]) == 0
     capsys.readouterr()
     words = ["league", str(mixed), str(response), "random", "--games", "2", "--no-replays"]
     assert main([*words, "--out", str(tmp_path / "ladder")]) == 0

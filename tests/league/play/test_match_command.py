@@ -22,7 +22,9 @@ def run(capsys, *words, code=0):
 
 
 def test_a_match_of_many_stands_beside_the_fair_share(capsys):
-    text = run(capsys, "match", "finisher", "idle", "scenario=ffa-3", "games=10", "gain=0")
+    text = run(
+        capsys, "match", "finisher", "idle", "--scenario=ffa-3", "--games=10", "--set=gain=0"
+    )
     assert text.splitlines() == [
         "A = finisher, B = idle on last_standing ffa-3",
         "ffa-3  A in one seat, B in the other 2: 4 map seeds, once in each",
@@ -59,7 +61,7 @@ def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
     ],
 )
 def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
-    text = run(capsys, "match", *words, "scenario=teams", "games=40")
+    text = run(capsys, "match", *words, "--scenario=teams", "--games=40")
     assert "A in one team, B in the other: 20 map seeds, once in each" in text
     assert verdict in text
 
@@ -73,7 +75,7 @@ def test_the_verdict_between_teams_is_in_plain_words(capsys, words, verdict):
     ],
 )
 def test_solo_agents_are_compared_by_scores(capsys, words, verdict):
-    text = run(capsys, "match", *words, "scenario=alone", "games=24")
+    text = run(capsys, "match", *words, "--scenario=alone", "--games=24")
     assert "each alone on the same 24 map seeds; a score is the sum of a game's rewards" in text
     number = r"-?[\d.]+ \[-?[\d.]+, -?[\d.]+\]"
     assert re.search(f"mean score of A {number}, of B {number}; A less B {number}\n", text)
@@ -81,7 +83,13 @@ def test_solo_agents_are_compared_by_scores(capsys, words, verdict):
 
 
 def test_variants_stand_below_each_other(capsys):
-    words = ["scenario=alone", "games=8", "gain=5", "heldout.gain=0", "max_ticks=6"]
+    words = [
+        "--scenario=alone",
+        "--games=8",
+        "--set=gain=5",
+        "--set=heldout.gain=0",
+        "--set=max_ticks=6",
+    ]
     text = run(capsys, "match", "scorer", "idle", *words)
     lines = [line for line in text.splitlines() if "each alone" in line]
     assert [line.split()[0] for line in lines] == ["alone", "heldout"]
@@ -91,8 +99,8 @@ def test_variants_stand_below_each_other(capsys):
 
 def test_options_may_stand_anywhere(capsys):
     orders = (
-        ["match", "scorer", "idle", "scenario=alone", "gain=5", "games=8", "seed=2"],
-        ["match", "--games", "8", "scorer", "idle", "gain=5", "--seed=2", "scenario=alone"],
+        ["match", "scorer", "idle", "--scenario=alone", "--set=gain=5", "--games=8", "--seed=2"],
+        ["match", "--games", "8", "scorer", "idle", "--set=gain=5", "--seed=2", "--scenario=alone"],
     )
     assert len({run(capsys, *words) for words in orders}) == 1
 

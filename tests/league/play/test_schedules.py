@@ -224,7 +224,7 @@ class TestAdaptive:
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_time_ends_the_first_round_too(tmp_path, capsys, monkeypatch, workers):
     """With many agents the first round takes hours."""
-    monkeypatch.setattr("marl_cair.cli.match_options.read_seconds", lambda text: AT_ONCE)
+    monkeypatch.setattr("marl_cair.cli.match_options.read_seconds", lambda text, option: AT_ONCE)
     words = ["league", "random", "turtle", "rusher", "--scenario", "11x11", "--no-replays"]
     words += ["--workers", workers, "--out", str(tmp_path)]
     assert main([*words, "--time", "1s"]) == 0

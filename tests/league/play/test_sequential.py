@@ -140,11 +140,11 @@ def test_a_match_may_stay_undecided():
 
 def test_the_command_shows_verdict_and_estimate(monkeypatch, capsys):
     last_standing.register(monkeypatch)
-    words = ["match", f"--game={last_standing.NAME}", "scenario=duel", "--sprt=0,60"]
+    words = ["match", f"--game={last_standing.NAME}", "--scenario=duel", "--sprt=0,60"]
     assert main([*words, "finisher", "idle"]) == 0
     text = capsys.readouterr().out
     assert "A is stronger than B: 60 Elo is likelier than 0" in text
     assert main([*words[:-1], "--sprt=0;60", "finisher", "idle"]) == 2
     assert "--sprt is '0;60', it must be two numbers" in capsys.readouterr().err
-    assert main([*words[:2], "scenario=alone", "--sprt=0,60", "finisher", "idle"]) == 2
+    assert main([*words[:2], "--scenario=alone", "--sprt=0,60", "finisher", "idle"]) == 2
     assert "--sprt needs a game with opponents" in capsys.readouterr().err

@@ -1,5 +1,7 @@
 """The page in a real browser: on a phone and a desk, light and dark, without a network."""
 
+import json
+
 import pytest
 
 from marl_cair.league.ratings.payoffs import Share
@@ -7,7 +9,7 @@ from marl_cair.league.report.background import Background
 from marl_cair.league.report.render import render_html
 from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import make_report
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.viewer.page import write_viewer
 from tests.chromium import FIND_CONTRAST, FIND_WIDE, READABLE, browser, need_browser, open_page
 from tests.league.leagues import EDGES, make, make_games
@@ -28,12 +30,16 @@ def page_file(tmp_path_factory):
     for place in range(2):
         replay = record(folder / "a.replay", "deep_line_wars", bots, steps=20, scenario="11x11")
         write_viewer(folder / f"{place}.html", replay)
-    training = '{"training": {"run": "/runs/a", "name": "a", "seed": 0, "frames": %d}}'
+
+    def describe(frames):
+        about = {"run": "/runs/a", "name": "a", "seed": 0, "frames": frames, "frames_total": frames}
+        return json.dumps({"training": about})
+
     background = Background(
         title="Deep RTS",
         settings=(("Command", "marl-cair league " + " ".join(NAMES)), ("Scenario", "a" * 300)),
         records={
-            name: AgentRecord("0" * 32, name, "network", "greedy", "1", training % frames)
+            name: AgentRecord("0" * 32, name, "network", "greedy", "1", describe(frames))
             for name, frames in zip(NAMES[:2], (51_200, 102_400), strict=True)
         },
         map_shares={(name, f"map {n}"): Share(0.5, 0, 1, 8) for name in NAMES for n in range(9)},

@@ -2,6 +2,7 @@
 
 import dataclasses
 import html.parser
+import json
 import re
 
 import numpy as np
@@ -24,7 +25,7 @@ from marl_cair.league.report.replays import ShownGame
 from marl_cair.league.report.sections import Table, make_report
 from marl_cair.league.report.table import make_table
 from marl_cair.league.report.wording import format_rating
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.viewer.page import make_element, make_policy, read_script
 from tests.league.leagues import EDGES, NAMES, make, make_games, no_games
 
@@ -78,12 +79,9 @@ def read_page(table, background=None):
 
 
 def record(name, run="", frames=0, seed=0):
-    training = (
-        f'{{"training": {{"run": "{run}", "name": "n", "seed": {seed}, "frames": {frames}}}}}'
-    )
-    return AgentRecord(
-        f"print of {name}", name, "network", "greedy", "1", training if run else "{}"
-    )
+    trained = {"run": run, "name": "n", "seed": seed, "frames": frames, "frames_total": frames}
+    about = json.dumps({"training": trained} if run else {})
+    return AgentRecord(f"print of {name}", name, "network", "greedy", "1", about)
 
 
 def text_of(table):

@@ -23,7 +23,7 @@ from marl_cair.league.report import replays
 from marl_cair.league.report.background import read_background
 from marl_cair.league.report.replays import FOLDER, choose_games
 from marl_cair.league.report.report import report_stored
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
 from marl_cair.viewer.page import read_game
 from tests.league.players import save_network

@@ -12,7 +12,7 @@ from marl_cair.files import OutputFolderError
 from marl_cair.games import GAMES
 from marl_cair.league.league import LeagueConfig, _short_names, play_league, run_league
 from marl_cair.league.report.report import name_agents, report_stored
-from marl_cair.league.store.records import AgentRecord
+from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import STORE_FILE
 
 GAME = GAMES["deep_line_wars"]

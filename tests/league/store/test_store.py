@@ -1,4 +1,4 @@
-"""The league file: whole blocks or none, migrated from older versions, refused if unfit."""
+"""The league file: whole blocks or none, refused if unfit."""
 
 import contextlib
 import dataclasses
@@ -6,13 +6,10 @@ import json
 import os
 import sqlite3
 
-import numpy as np
 import pytest
 
-from marl_cair.league.play.playing import map_seeds
 from marl_cair.league.store.export import QUERIES, export_league
-from marl_cair.league.store.records import AgentRecord, PlayedGame
-from marl_cair.league.store.schema import SCHEMA_VERSION
+from marl_cair.league.store.schema import SCHEMA_VERSION, AgentRecord, PlayedGame
 from marl_cair.league.store.store import LeagueStore, LeagueStoreError
 
 SETTINGS = {
@@ -23,19 +20,6 @@ SETTINGS = {
     "seating": "all",
     "team_of_seat": [0, 1],
 }
-VERSION_2 = """
-CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE agent (
-    id INTEGER PRIMARY KEY, fingerprint TEXT UNIQUE NOT NULL, name TEXT NOT NULL
-);
-CREATE TABLE game (
-    first INTEGER NOT NULL REFERENCES agent, second INTEGER NOT NULL REFERENCES agent,
-    block INTEGER NOT NULL, first_seat INTEGER NOT NULL,
-    winner INTEGER NOT NULL, is_truncated INTEGER NOT NULL, decisions INTEGER NOT NULL,
-    fingerprint TEXT NOT NULL,
-    PRIMARY KEY (first, second, block, first_seat)
-) WITHOUT ROWID;
-"""
 
 
 def agent(name):
@@ -144,7 +128,6 @@ def test_forfeits_are_kept_with_their_reason(store):
     lost = {"forfeited": (False, True), "reason": "b crashed in act: KeyError: 3"}
     store.add_games(ids, [played(0, 0, **lost), played(0, 1)])
     assert store.read_games().reasons == ("b crashed in act: KeyError: 3", "")
-    assert store.read_forfeits() == [("b crashed in act: KeyError: 3", 1)]
 
 
 def test_a_rating_run_is_kept_once(store):
@@ -167,10 +150,11 @@ def test_a_league_of_other_settings_is_refused(store, path):
     LeagueStore(path).close()
 
 
-def test_a_file_of_a_newer_version_is_refused(store, path):
+@pytest.mark.parametrize("version", [3, 9])
+def test_a_file_of_another_version_is_refused(store, path, version):
     store.close()
-    execute(path, "UPDATE meta SET value = '9' WHERE key = 'schema_version'")
-    message = f"schema version 9, this marl_cair reads versions up to {SCHEMA_VERSION}: update"
+    execute(path, f"UPDATE meta SET value = '{version}' WHERE key = 'schema_version'")  # noqa: S608
+    message = f"has schema version {version}, this marl_cair reads version {SCHEMA_VERSION}: take"
     with pytest.raises(LeagueStoreError, match=message):
         LeagueStore(path, SETTINGS)
 
@@ -245,61 +229,6 @@ def test_a_file_that_may_not_be_written_is_read(store, path, tmp_path, monkeypat
         with pytest.raises(LeagueStoreError, match="cannot be read or written .attempt to write a"):
             again.add_agent(agent("c"))
     assert path.read_bytes() == before
-
-
-def make_version_2(path):
-    kept = ("game", "game_version", "scenario", "seed")
-    rows = {"schema_version": 2, **{key: SETTINGS[key] for key in kept}}
-    execute(
-        path,
-        *VERSION_2.strip().split(";\n"),
-        *(
-            f"INSERT INTO meta VALUES ('{key}', '{json.dumps(value)}')"  # noqa: S608
-            for key, value in rows.items()
-        ),
-        "INSERT INTO agent VALUES (1, 'p', 'x'), (2, 'q', 'y')",
-        "INSERT INTO game VALUES (1, 2, 3, 0, 0, 0, 9, 'h0'), (1, 2, 3, 1, 0, 0, 9, 'h1'), "
-        "(1, 2, 4, 0, -1, 1, 9, 'h')",
-    )
-
-
-def test_a_file_of_version_2_is_migrated(path):
-    make_version_2(path)
-    store = LeagueStore(path, SETTINGS)
-    games = store.read_games()
-    # In the second game the first agent had the second seat, and the first seat won.
-    assert games.agents.tolist() == [[1, 2], [2, 1], [1, 2]]
-    assert games.points.tolist() == [[1.0, 0.0], [1.0, 0.0], [0.5, 0.5]]
-    assert games.ranks.tolist() == [[1.0, 2.0], [1.0, 2.0], [1.5, 1.5]]
-    assert games.numbers.tolist() == [3, 3, 4]
-    seed = int(map_seeds(5, np.array([3]))[0])
-    assert store.read_rows("SELECT map_seed FROM block")[1][0] == (str(seed),)
-    assert store.settings == {"schema_version": SCHEMA_VERSION, **SETTINGS}
-    store.close()
-    LeagueStore(path, SETTINGS).close()
-
-
-def test_a_file_of_version_3_gets_one_fingerprint_for_functions(path):
-    """With a time limit they had another; a file with both keeps both."""
-    store = LeagueStore(path, SETTINGS)
-    prints = ("hosted one", "hosted two", "foreign two", "process three")
-    ids = [store.add_agent(dataclasses.replace(agent("any"), fingerprint=one)) for one in prints]
-    store.close()
-    execute(path, "UPDATE meta SET value = '3' WHERE key = 'schema_version'")
-    store = LeagueStore(path)
-    assert store.settings["schema_version"] == SCHEMA_VERSION
-    found = {number: one.fingerprint for number, one in store.read_agents().items()}
-    kept = ("foreign one", "hosted two", "foreign two", "process three")
-    assert found == dict(zip(ids, kept, strict=True))
-    store.close()
-
-
-def test_a_migration_that_fails_leaves_the_old_file(path):
-    make_version_2(path)
-    with pytest.raises(LeagueStoreError, match="give the command that played it .* once more"):
-        LeagueStore(path)
-    version = "SELECT value FROM meta WHERE key = 'schema_version'"
-    assert execute(path, "SELECT count(*) FROM game", version) == [[(3,)], [("2",)]]
 
 
 @pytest.mark.parametrize("file_format", ["csv", "json", "parquet"])

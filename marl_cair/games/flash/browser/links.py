@@ -8,7 +8,7 @@ import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,17 +44,8 @@ class MouseEvent(NamedTuple):
 Event = KeyEvent | MouseEvent
 
 
-class Link(Protocol):
-    """Takes requests (see `run` in player.js) and returns their replies, in order."""
-
-    def send(self, request: Mapping[str, Any], events: Sequence[Event]) -> None:
-        """Send a request, whose events come first."""
-
-    def receive(self, timeout_s: float) -> bytearray:
-        """The reply: the length of a JSON text in 4 bytes, this text, the picture."""
-
-    def close(self) -> None:
-        """End it."""
+# Each takes requests (see `run` in player.js), whose events come first, and returns their replies
+# in order: the length of a JSON text in 4 bytes, this text, the picture.
 
 
 class SocketLink:
@@ -168,6 +159,9 @@ class ScreenLink:
 
     def close(self) -> None:
         self._client.close()
+
+
+Link = SocketLink | ScreenLink
 
 
 def read_reply(pixels: NDArray[np.uint8], number: int) -> bytearray | None:

@@ -1,4 +1,7 @@
-"""`marl-cair experiment`: train and rate all cells of a plan, for one table and one figure."""
+"""`marl-cair experiment`: train and rate all cells of a plan, for one table and one figure.
+
+`marl-cair reproduce` does so for a ready-made plan of published results, with its authors' panels.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from pathlib import Path
 from marl_cair.cli import EXIT_DAMAGED, EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.compose import CONF, compose_config, override
-from marl_cair.cli.parser import Parser
+from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.lookup import check_name
 from marl_cair.training.settings.config import TrainConfig
 
@@ -20,6 +23,11 @@ _PLANS = CONF / "plan"
 def run(arguments: Sequence[str]) -> int:
     """Run all cells that are missing and print the tables; returns the exit code."""
     return run_plan("experiment", arguments)
+
+
+def reproduce(arguments: Sequence[str]) -> int:
+    """As `run`, with the panels of the plan's authors."""
+    return run_plan("reproduce", arguments, panels=True)
 
 
 def list_plans() -> list[str]:
@@ -34,14 +42,8 @@ def run_plan(command: str, arguments: Sequence[str], panels: bool = False) -> in
     from marl_cair.experiments.plan import read_plan
 
     path = _find_plan(options.plan)
-    seconds = shared.read_seconds(options.budget) if options.budget else None
-    if options.budget and seconds is None:
-        raise ValueError(
-            f"--budget is {options.budget!r}, it must be a number above 0 with s, m or h, for "
-            "example 20m"
-        )
-    if options.workers is not None and options.workers < 1:
-        raise ValueError(f"--workers is {options.workers}, it must be 1 or more")
+    seconds = shared.read_seconds(options.budget, "--budget") if options.budget else None
+    require_counts(options, "workers")
     out = Path(options.out or f"runs/{path.stem}")
     config = ExperimentConfig(
         out=out,

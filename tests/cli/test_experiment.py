@@ -3,7 +3,7 @@
 import pytest
 
 from marl_cair.cli import main
-from marl_cair.cli.experiments.experiment import CONF, compose, list_plans
+from marl_cair.cli.experiment import CONF, compose, list_plans
 from marl_cair.experiments.cells import make_cells
 from marl_cair.experiments.plan import read_plan
 from tests.refusals import assert_refused

@@ -1,4 +1,4 @@
-"""`marl-cair benchmark` finds the scripts, and runs alone those that need no further words."""
+"""`python -m benchmarks` finds the scripts, and runs alone those that need no further words."""
 
 import re
 from pathlib import Path
@@ -6,11 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from marl_cair.cli import benchmark, main
-from tests.refusals import assert_refused
+from benchmarks import __main__ as at_once
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
-NAMES = {path.stem for path in FOLDER.glob("[!_]*.py")}
+FOLDER = Path(__file__).parents[1] / "benchmarks"
 
 
 @pytest.fixture
@@ -22,7 +20,7 @@ def calls(monkeypatch):
         words.append(command[2:])
         return SimpleNamespace(returncode=3 * ("--seed=3" in command))
 
-    monkeypatch.setattr(benchmark.subprocess, "run", call)
+    monkeypatch.setattr(at_once.subprocess, "run", call)
     return words
 
 
@@ -33,20 +31,22 @@ def needs_words(name):
 
 
 def test_without_a_name_all_run_but_those_of_hours_and_those_that_need_words(calls):
-    assert main(["benchmark"]) == 0
+    assert at_once.main([]) == 0
     chosen = {words[0].removeprefix("benchmarks.") for words in calls}
-    assert chosen == NAMES - set(benchmark.HOURS)
+    assert chosen == set(at_once.NAMES) - set(at_once.HOURS)
     assert not [name for name in chosen if needs_words(name)]
     assert needs_words("self_play_learning")
 
 
 def test_those_of_hours_are_there_and_run_when_they_are_named(calls):
-    assert set(benchmark.HOURS) <= NAMES
-    assert main(["benchmark", "self_play_learning", "runs/a", "--games", "2"]) == 0
+    assert set(at_once.HOURS) <= set(at_once.NAMES)
+    assert at_once.main(["self_play_learning", "runs/a", "--games", "2"]) == 0
     assert calls == [["benchmarks.self_play_learning", "runs/a", "--games", "2"]]
 
 
-def test_the_first_that_fails_ends_it_and_an_unknown_one_names_the_nearest(calls, capsys):
-    assert main(["benchmark", "--seed=3"]) == 3  # all, of which the first fails
+def test_the_first_that_fails_ends_it_and_an_unknown_one_is_refused(calls, capsys):
+    assert at_once.main(["--seed=3"]) == 3  # all, of which the first fails
     assert len(calls) == 1
-    assert_refused(capsys, "nearest are 'engine'", "benchmark", "engin")
+    with pytest.raises(SystemExit):
+        at_once.main(["engin"])
+    assert "invalid choice: 'engin'" in capsys.readouterr().err

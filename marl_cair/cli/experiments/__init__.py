@@ -1,1 +1,0 @@
-"""Commands that run plans of many training runs."""

@@ -40,7 +40,7 @@ def test_keys_and_buttons_give_orders(line_wars):
     page = line_wars
     page.keyboard.press("1")
     step(page)
-    page.get_by_role("button", name="buy footman").click()
+    page.get_by_role("button", name="buy footman 20 gold").click()
     step(page)
     assert played(page)[-2:] == [1, 2]  # buy_militia, buy_footman
 

@@ -1,4 +1,4 @@
-"""Films a game that a scripted person plays by mouse and keys: `python -m docs.play_film`.
+"""Films a game that a scripted person plays by mouse and keys: `python docs/play_film.py`.
 
 The person takes the orders of a bot, and gives them as a person would: the key of a unit, or the
 key of a tower and a click on a cell. The opponent is the trained agent of the repository.
@@ -19,10 +19,10 @@ from PIL import Image
 
 from marl_cair import load_agent
 from marl_cair.games import GAMES
+from marl_cair.games.game import NO_CELL
 from marl_cair.league.play.film import Size, write_film
 from marl_cair.window.session import Session
 from marl_cair.window.window import Settings, Window
-from tests.window.persons import Person
 
 ROOT = Path(__file__).resolve().parents[1]
 GAME, SCENARIO, OPPONENT, BOT = "deep_line_wars", "10x15", "deep_line_wars_10x15", "economist"
@@ -45,27 +45,42 @@ def main() -> None:
 
 def play(window: Window) -> Iterator[Image.Image]:
     """Play the game; yields the window at each click and after each EVERY ticks."""
-    window.draw()
-    person, session = Person(window), window.session
+    window.draw()  # lays the parts out
+    session, spec, pointer = window.session, window.session.spec, (400, 300)
     bot = GAMES[GAME].bot(BOT, session.scenario)
-    spec, pointer = session.spec, (400, 300)
     while not window.moment.is_over:
         if window.moment.step % session.steps_per_decision == 0:
             seen = session.engine.observe(bot.representation)[:, 0]
             (action,) = bot.act(seen.copy(), session.engine.action_mask()[:, 0])
             kind = spec.action_group_names[spec.action_groups[action]]
             if kind in KEYS:
-                person.press(ord(KEYS[kind]))
-            if spec.action_cells[action] >= 0:
-                cell = divmod(int(spec.action_cells[action]), session.scenario.columns)
-                pointer = person.find_pixel(*cell)
-                person.move(pointer)
-                person.click(pointer)
+                window.press(ord(KEYS[kind]))
+            if spec.action_cells[action] != NO_CELL:
+                pointer = find_pixel(window, int(spec.action_cells[action]))
+                click(window, pointer)
                 yield take_picture(window, pointer)
-                person.press(ord(KEYS[kind]))  # puts the tower away
+                window.press(ord(KEYS[kind]))  # puts the tower away
         window.step()
         if window.moment.step % EVERY == 0:
             yield take_picture(window, pointer)
+
+
+def find_pixel(window: Window, cell: int) -> tuple[int, int]:
+    """The middle of a cell in the window."""
+    board, camera = window.find_board(), window.camera
+    if board is None:
+        raise ValueError("the view has no board")
+    row, column = divmod(cell, board.columns)
+    x, y = board.find_box(row + 0.5, column + 0.5)
+    left, top = camera.corner()
+    return round(left + x * camera.scale), round(top + y * camera.scale)
+
+
+def click(window: Window, pixel: tuple[int, int]) -> None:
+    """Move the mouse to a pixel, press its left button and release it."""
+    window.handle(pygame.event.Event(pygame.MOUSEMOTION, pos=pixel, buttons=(0, 0, 0)))
+    for kind in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP):
+        window.handle(pygame.event.Event(kind, pos=pixel, button=1))
 
 
 def take_picture(window: Window, pointer: tuple[int, int]) -> Image.Image:

@@ -30,6 +30,33 @@ def read_rows(path):
         return list(csv.DictReader(file))
 
 
+# --- steps to a level -------------------------------------------------------------------------
+
+
+def test_steps_to_a_level_are_compared_with_the_best_control(tmp_path):
+    curves = {
+        "real": [0, 5, 8, 9, 10, 10, 10],
+        "real_twice": [0] * 7,
+        "generated": [0, 9, 9, 1, 9, 9, 9],
+    }
+    lines = ["task,data,seed,frames,score"]
+    for data, scores in curves.items():
+        for seed in (0, 1):
+            lines += [
+                f"maze,{data},{seed},{100 * look},{score}" for look, score in enumerate(scores)
+            ]
+    looks = tmp_path / "looks.csv"
+    looks.write_text("\n".join(lines))
+    table = read_table("steps_to_level", "| task", [looks, "--factor", "data"]).splitlines()
+    rows = {
+        cells[2]: cells[3:-1]
+        for cells in ([c.strip() for c in row.split("|")] for row in table[2:])
+    }
+    assert rows["real"] == ["2", "10 [10, 10]", "300 [300, 300]", "1 (control)", "0"]
+    assert rows["generated"] == ["2", "9 [9, 9]", "100 [100, 100]", "0.333 [0.333, 0.333]", "0"]
+    assert rows["real_twice"] == ["2", "0 [0, 0]", "600 [600, 600]", "2 [2, 2]", "2"]
+
+
 # --- generator --------------------------------------------------------------------------------
 
 

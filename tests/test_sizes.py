@@ -8,20 +8,20 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_370,
-    "policies": 2_420,
+    "games": 21_340,
+    "policies": 2_410,
     "replay": 2_290,
     "generative": 2_960,
     "self_play": 990,
-    "league": 8_190,
+    "league": 8_060,
     "training": 7_350,
     "experiments": 1_620,
     "viewer": 720,
-    "window": 2_500,
+    "window": 2_430,
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_430,
+    "cli": 4_220,
     "": 1_920,  # the modules that every part may import
 }
 

@@ -22,7 +22,7 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.games import GAMES
-from marl_cair.games.game import Agent, Game, GameSpec
+from marl_cair.games.game import Agent, Game
 from marl_cair.games.players.recurrent import call_agent, find_state_size
 from marl_cair.games.replays import Replay, read_replay, replay_steps
 from marl_cair.league.agents.foreign import require_answers
@@ -67,6 +67,7 @@ class ExplainedGame:
 
 def run(arguments: Sequence[str]) -> int:
     """Play, write the folder and print its files; returns the exit code."""
+    from marl_cair.cli.agent.pictures import save_all
     from marl_cair.policies.actor import PolicyActor
 
     options = make_parser().parse_args(arguments)
@@ -81,6 +82,8 @@ def run(arguments: Sequence[str]) -> int:
         if options.seat not in range(len(replay.players)):
             last = len(replay.players) - 1
             raise ValueError(f"--seat is {options.seat}, it must be in 0..{last}")
+    if game.make_spec(scenario).action_shape:
+        raise ValueError(f"{game.name}: a seat chooses several actions per step in this scenario")
     load = shared.choose_load(options)
     agent = load(options.agent, game.name, scenario)
     if not isinstance(agent, PolicyActor):
@@ -100,7 +103,7 @@ def run(arguments: Sequence[str]) -> int:
     reward = trained.scenario_options.get("reward", game.rated_reward)  # that the values are about
     explained = explain_game(agent, replay, reward, options.seat, every, scale)
     returns = explained.discount(gamma)
-    names = save_all(Path(options.out), explained, agent, returns, gamma, options.steps)
+    names = save_all(explained, agent, returns, gamma, options.steps, Path(options.out))
     largest = explained.values.max(1)
     sys.stdout.write(
         f"{options.agent} {about}: {explained.ending} after {len(returns)} steps\n"
@@ -109,31 +112,6 @@ def run(arguments: Sequence[str]) -> int:
         f"{options.out}: {', '.join(names)}\n"
     )
     return EXIT_DONE
-
-
-def save_all(
-    folder: Path,
-    explained: ExplainedGame,
-    agent: PolicyActor,
-    returns: NDArray[np.float64],
-    gamma: float,
-    num_steps: int,
-) -> list[str]:
-    """Write all files; returns their names."""
-    from marl_cair.cli.agent.pictures import draw_all
-
-    folder.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(
-        folder / "steps.npz",
-        observation=explained.observation,
-        action_mask=explained.action_mask,
-        values=explained.values,
-        action=explained.played,
-        reward=explained.rewards,
-        discounted_return=returns,
-        gamma=gamma,
-    )
-    return [*draw_all(explained, agent, returns, gamma, num_steps, folder), "steps.npz"]
 
 
 def read_discount(agent: str) -> tuple[float, float]:
@@ -151,14 +129,12 @@ def read_discount(agent: str) -> tuple[float, float]:
 def play_game(agent: Agent, opponent: Agent, game: Game, scenario: Any, seed: int) -> Replay:
     """Play the first map of `play_match`, `agent` in the first seat and in those of its team.
 
-    Raises ValueError for scenarios in which a seat chooses several actions per step,
-    ForeignAgentError for an opponent that forfeits.
+    Raises ForeignAgentError for an opponent that forfeits.
     """
     from marl_cair.games.engine import BatchedEngine
 
     map_seed = int(map_seeds(seed, np.zeros(1, np.int64))[0])
     engine = BatchedEngine(game, scenario)
-    require_single_actions(game.name, engine.spec)
     engine.reset(np.array([map_seed], np.uint64))
     teams = engine.spec.team_of_seat
     own, others = np.flatnonzero(teams == teams[0]), np.flatnonzero(teams != teams[0])
@@ -185,11 +161,9 @@ def explain_game(
 ) -> ExplainedGame:
     """A recorded game as `agent` values it in a seat, with rewards of another kind times `scale`.
 
-    The agent's memory takes each `every`-th step: those at which it would decide.
-
-    Raises ReplayError as `replay_steps`, and ValueError as `play_game`.
+    The agent's memory takes each `every`-th step: those at which it would decide. Raises
+    ReplayError as `replay_steps`.
     """
-    require_single_actions(replay.game, replay.spec)
     if reward != replay.scenario.reward:  # hashes are of states and rewards
         scenario = dataclasses.replace(replay.scenario, reward=reward)
         replay = dataclasses.replace(replay, scenario=scenario, hashes={})
@@ -210,12 +184,6 @@ def explain_game(
     values = agent.values(observation, mask, np.array(held))
     paid = np.array(rewards[1:])
     return ExplainedGame(replay, seat, observation, mask, values, paid, ending, every)
-
-
-def require_single_actions(name: str, spec: GameSpec) -> None:
-    """Raise ValueError for scenarios in which a seat chooses several actions per step."""
-    if spec.action_shape:
-        raise ValueError(f"{name}: a seat chooses several actions per step in this scenario")
 
 
 def describe_ending(engine: BatchedEngine, seat: int) -> str:

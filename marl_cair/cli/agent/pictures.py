@@ -23,7 +23,7 @@ _BLUE, _ORANGE, _GREY = "#3b6ea8", "#d9822b", "#9aa3ad"
 _ROW, _LEFT, _WIDTH = 24, 150, 320  # pixels of the film's bars
 
 
-def draw_all(
+def save_all(
     explained: ExplainedGame,
     agent: PolicyActor,
     returns: NDArray[np.float64],
@@ -31,9 +31,20 @@ def draw_all(
     num_steps: int,
     folder: Path,
 ) -> list[str]:
-    """Write all pictures to `folder`; returns the names of the files."""
+    """Write all pictures and numbers to `folder`; returns the names of the files."""
     from matplotlib.figure import Figure
 
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(
+        folder / "steps.npz",
+        observation=explained.observation,
+        action_mask=explained.action_mask,
+        values=explained.values,
+        action=explained.played,
+        reward=explained.rewards,
+        discounted_return=returns,
+        gamma=gamma,
+    )
     length = len(returns)
     chosen = np.linspace(0, length - 1, min(num_steps, length)).round().astype(int)
     chosen = np.unique(chosen // explained.every * explained.every)
@@ -51,7 +62,7 @@ def draw_all(
     for name, figure in figures.items():
         figure.savefig(folder / name, dpi=150)
     write_film(folder / "film.gif", [draw_frame(explained, boards[s], s) for s in kept], FILM)
-    return [*figures, "film.gif"]
+    return [*figures, "film.gif", "steps.npz"]
 
 
 def render_steps(explained: ExplainedGame, steps: set[int]) -> dict[int, NDArray[np.uint8]]:

@@ -226,9 +226,7 @@ class ReplayRenderer:
         return int(self.stored.numbers[place]), int(self.stored.turns[place])
 
     def play_again(self, place: int) -> tuple[Replay, Mapping[int, Agent]]:
-        """The game, played again from its seed, and its agents by seat. Raises NotShownError if
-        that cannot be done.
-        """
+        """The game, played again from its seed, and its agents by seat. Raises NotShownError."""
         rules, block, turn = self._rules, *self._find_block(place)
         line_up = self._find_line_up(place)
         version = str(self.store.settings["game_version"])

@@ -17,11 +17,11 @@ MAX_LINES = {
     "training": 7_350,
     "experiments": 1_620,
     "viewer": 720,
-    "window": 2_430,
+    "window": 2_440,
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_220,
+    "cli": 4_260,
     "": 1_920,  # the modules that every part may import
 }
 

@@ -118,6 +118,7 @@ def describe_game(
             "groups": spec.action_groups.tolist(),
             "group_names": list(spec.action_group_names),
             "cells": spec.action_cells.tolist(),
+            "prices": _list_prices(game, scenario),
         },
         "board": _find_board(game, painted) if (spec.action_cells != NO_CELL).any() else None,
         "pointer": dict(_POINTERS.get(game.name, {})),
@@ -143,6 +144,32 @@ def _list_numbers(spec: GameSpec) -> list[dict[str, Any]]:
         for name in spec.resources
         if f"own {name}" in entries
     ]
+
+
+def _list_prices(game: Game, scenario: Any) -> dict[str, str]:
+    """What kinds of action cost, such as "40 gold, 1 lumber", in games with prices."""
+    costs: dict[str, dict[str, int]] = {}
+    if game.name == "deep_line_wars":
+        from marl_cair.games.deep_line_wars.tables import PRESETS, TOWER_NAMES, UNIT_NAMES
+
+        preset = PRESETS[scenario.preset]
+        for name, gold in zip(UNIT_NAMES, preset.unit_cost_gold, strict=True):
+            costs[f"buy_{name}"] = {"gold": gold}
+        towers = zip(TOWER_NAMES, preset.tower_cost_gold, preset.tower_cost_lumber, strict=True)
+        for name, gold, lumber in towers:
+            costs[f"build_{name}"] = {"gold": gold, "lumber": lumber}
+    elif game.name == "deep_rts":
+        from marl_cair.games.deep_rts.rules import rulebook as rb
+        from marl_cair.games.deep_rts.tables import NUM_RESOURCES, PRODUCT_NAMES, RESOURCE_NAMES
+
+        first, last = rb.PRODUCT_COST, rb.PRODUCT_COST + NUM_RESOURCES
+        amounts = game.make_rules(scenario).product[:, first:last].tolist()
+        for name, one in zip(PRODUCT_NAMES, amounts, strict=True):
+            costs[f"make_{name}"] = dict(zip(RESOURCE_NAMES, one, strict=True))
+    return {
+        kind: ", ".join(f"{amount} {name}" for name, amount in cost.items() if amount)
+        for kind, cost in costs.items()
+    }
 
 
 def _find_board(game: Game, scenario: Any) -> dict[str, float]:

@@ -161,7 +161,7 @@ def replay(arguments: Sequence[str]) -> int:
             number, turn = int(stored.line_ups[place]), int(stored.turns[place])
             name = f"{number:04}-{int(stored.numbers[place]):04}-{turn}{REPLAY_SUFFIX}"
             try:
-                write_replay(target / name, renderer.play_again(place))
+                write_replay(target / name, renderer.play_again(place)[0])
                 sys.stdout.write(f"{target / name}: {renderer.describe(place)}\n")
             except NotShownError as error:
                 sys.stdout.write(f"not written: {renderer.describe(place)} {error}\n")

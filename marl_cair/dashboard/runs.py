@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from marl_cair.games.replays import REPLAY_SUFFIX
-from marl_cair.training.run_log import RunLog, read_log
+from marl_cair.stored import LOG, read_text
+from marl_cair.training.run_log import RunLog, parse_log
 from marl_cair.training.settings.config import GAMES_FOLDER
 from marl_cair.training.settings.config_file import CONFIG_FILE, read_yaml
 
-PICTURES = ".png", ".gif"
+FILES = {  # kind: folder inside of the run's, and ends of names
+    "log": ("", (".csv",)),
+    "pictures": ("", (".png", ".gif")),
+    "games": (GAMES_FOLDER, (REPLAY_SUFFIX,)),  # of the last evaluation
+}
 
 
 class Chart(NamedTuple):
@@ -58,37 +63,51 @@ CHARTS = (
 )
 
 
-def read_runs(runs: Mapping[str, Path]) -> dict[str, Any]:
-    """What the page shows: charts, and of each run its metrics, pictures and games.
+class RunReader:
+    """Reads one run again and again; of its log only what is new is parsed."""
 
-    Metrics are {name: [environment steps, values]}; `low` and `high` of a metric are the ends of
-    its 95 % interval. Raises DamagedFileError for a file that cannot be read.
-    """
-    return {
-        "charts": [chart._asdict() for chart in CHARTS],
-        "runs": [read_run(label, folder) for label, folder in runs.items()],
-    }
+    def __init__(self, label: str, folder: Path) -> None:
+        self._label, self._folder, self._text = label, folder, ""  # the text of the log
+        self._metrics: dict[str, tuple[list[float], list[float]]] = {}
+
+    def read(self) -> dict[str, Any]:
+        """Label, steps so far and in all, metrics, and files as `list_files`.
+
+        Metrics are {name: [environment steps, values]}; `low` and `high` of a metric are the ends
+        of its 95 % interval. Raises DamagedFileError for a file that cannot be read.
+        """
+        self._read_rows()
+        settings = read_yaml(self._folder / CONFIG_FILE)
+        steps, _ = self._metrics.get("frames", ([0], []))
+        return {
+            "label": self._label,
+            "steps": steps[-1],
+            "total_steps": settings["total_frames"],
+            "about": describe(settings),
+            "metrics": self._metrics,
+            **list_files(self._folder),
+        }
+
+    def _read_rows(self) -> None:
+        """Add the new rows to the metrics; a log with other columns or rows is read as a whole."""
+        path, header = self._folder / RunLog.FILE, self._text.partition("\n")[0]
+        text = read_text(path, LOG) if path.is_file() else ""
+        is_longer = self._text.endswith("\n") and text.startswith(self._text)
+        new = f"{header}\n{text[len(self._text) :]}" if is_longer else text
+        if not is_longer:
+            self._text, self._metrics = "", {}
+        for row in parse_log(new, path):
+            for name, value in row.items():
+                steps, values = self._metrics.setdefault(name, ([], []))
+                steps.append(row["frames"])
+                values.append(value)
+        self._text = text
 
 
-def read_run(label: str, folder: Path) -> dict[str, Any]:
-    """One run: label, steps so far and in all, metrics, pictures and games."""
-    metrics: dict[str, tuple[list[float], list[float]]] = {}
-    rows = read_log(folder / RunLog.FILE)
-    for row in rows:
-        for name, value in row.items():
-            steps, values = metrics.setdefault(name, ([], []))
-            steps.append(row["frames"])
-            values.append(value)
-    settings = read_yaml(folder / CONFIG_FILE)
-    return {
-        "label": label,
-        "steps": rows[-1]["frames"] if rows else 0,
-        "total_steps": settings["total_frames"],
-        "about": describe(settings),
-        "metrics": metrics,
-        "pictures": list_pictures(folder),
-        "games": list_games(folder),
-    }
+def read_runs(readers: Iterable[RunReader]) -> dict[str, Any]:
+    """What the page shows: charts and runs. Raises DamagedFileError as `RunReader.read`."""
+    charts = [chart._asdict() for chart in CHARTS]
+    return {"charts": charts, "runs": [reader.read() for reader in readers]}
 
 
 def describe(settings: Mapping[str, Any]) -> str:
@@ -97,15 +116,13 @@ def describe(settings: Mapping[str, Any]) -> str:
     return f"{game['name']} {game['scenario']}, {policy['body']}, seed {settings['seed']}"
 
 
-def list_pictures(folder: Path) -> dict[str, float]:
-    """Pictures directly in the run's folder, with their times of change, so that the page asks
+def list_files(folder: Path) -> dict[str, dict[str, float]]:
+    """The files of a run by their kind in FILES, with their times of change, so that the page asks
     again for one that was replaced.
     """
-    paths = [path for path in sorted(folder.iterdir()) if path.suffix in PICTURES]
-    return {path.name: path.stat().st_mtime for path in paths if not path.is_symlink()}
 
+    def list_kind(place: str, suffixes: Sequence[str]) -> dict[str, float]:
+        paths = [path for path in sorted((folder / place).glob("*")) if path.suffix in suffixes]
+        return {path.name: path.stat().st_mtime for path in paths if not path.is_symlink()}
 
-def list_games(folder: Path) -> dict[str, float]:
-    """Recorded games of the last evaluation, with their times of change."""
-    paths = sorted((folder / GAMES_FOLDER).glob(f"*{REPLAY_SUFFIX}"))
-    return {path.name: path.stat().st_mtime for path in paths if not path.is_symlink()}
+    return {kind: list_kind(*where) for kind, where in FILES.items()}

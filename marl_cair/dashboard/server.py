@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Lock
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from marl_cair.dashboard.runs import list_games, list_pictures, read_runs
+from marl_cair.dashboard.runs import FILES, RunReader, list_files, read_runs
 from marl_cair.files import write_atomically
 from marl_cair.games.replays import read_replay
-from marl_cair.training.settings.config import GAMES_FOLDER
 from marl_cair.viewer.game_data import pack_game
 from marl_cair.viewer.page import make_page
 
@@ -42,6 +42,7 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
 
     Raises OSError for a port in use, ValueError without Plotly.
     """
+    read_data = _make_reader(runs)
     script = read_plotly().encode()
     page = _make_page(None, "/plotly.js").encode()
 
@@ -52,16 +53,17 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
         if path == "/plotly.js":
             return "text/javascript", script
         if path == "/data.json":
-            return "application/json", json.dumps(read_runs(runs)).encode()
+            return "application/json", read_data()
         parts = path.split("/")
         if len(parts) != 4 or parts[2] not in runs:
             return None
         kind, folder, name = parts[1], runs[parts[2]], parts[3]
-        if kind == "pictures" and name in list_pictures(folder):
-            return _TYPES[Path(name).suffix], (folder / name).read_bytes()
-        if kind == "games" and name in list_games(folder):
-            return _GAME, make_viewer(folder / GAMES_FOLDER / name)
-        return None
+        if name not in list_files(folder).get(kind, ()):
+            return None
+        file = folder / FILES[kind][0] / name
+        if kind == "games":
+            return _GAME, make_viewer(file)
+        return (_TYPES[file.suffix], file.read_bytes()) if kind == "pictures" else None
 
     try:
         return ThreadingHTTPServer((HOST, port), _make_handler(find))
@@ -73,7 +75,7 @@ def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
     """Write the page with all numbers and pictures of now as one HTML file of about 5 MB, which
     needs neither a network nor a server. Recorded games are not in it.
     """
-    data = read_runs(runs)
+    data = read_runs([RunReader(label, folder) for label, folder in runs.items()])
     for run, folder in zip(data["runs"], runs.values(), strict=True):
         run["games"] = {}
         run["pictures"] = {name: _encode(folder / name) for name in run["pictures"]}
@@ -96,6 +98,23 @@ def make_viewer(path: Path) -> bytes:
     """The page that plays a recorded game: the game is played again, which takes some seconds."""
     replay = read_replay(path)
     return make_page(replay, pack_game(replay)).encode()
+
+
+def _make_reader(runs: Mapping[str, Path]) -> Callable[[], bytes]:
+    """A function that returns what the page shows as JSON: read again where a file has changed."""
+    readers = [RunReader(label, folder) for label, folder in runs.items()]
+    lock, known, text = Lock(), None, b""  # each request has a thread
+
+    def read() -> bytes:
+        nonlocal known, text
+        with lock:
+            files = [list_files(folder) for folder in runs.values()]
+            if files != known:
+                text = json.dumps(read_runs(readers)).encode()
+                known = files
+            return text
+
+    return read
 
 
 def _make_page(data: Mapping[str, Any] | None, script: str | None) -> str:

@@ -15,10 +15,9 @@ from marl_cair.stored import LOG, DamagedFileError, read_text
 
 
 class RunLog:
-    """Rows of scalars at frames: `log.csv` (one wide table) and TensorBoard files in `folder`.
+    """Rows of scalars: `log.csv` (one wide table) and TensorBoard files in the run's folder.
 
     Args:
-        folder: of the run.
         frames: the resumed step; rows after it are dropped.
         prints: whether lines of text are also printed, above a progress bar.
     """
@@ -66,12 +65,15 @@ def format_rows(rows: Sequence[Mapping[str, object]]) -> str:
 
 def read_log(path: Path) -> list[dict[str, float]]:
     """Rows of a `log.csv`; none without a file. Raises DamagedFileError."""
-    if not path.is_file():
-        return []
-    rows = csv.DictReader(io.StringIO(read_text(path, LOG)), strict=True)
+    return parse_log(read_text(path, LOG), path) if path.is_file() else []
+
+
+def parse_log(text: str, path: Path) -> list[dict[str, float]]:
+    """Rows of the text of a `log.csv`. Raises DamagedFileError, which names `path`."""
+    rows = csv.DictReader(io.StringIO(text), strict=True)
     try:
         read = [{name: float(value) for name, value in row.items() if value} for row in rows]
-        if any(not math.isfinite(row["frames"]) for row in read):
+        if not all(math.isfinite(row["frames"]) for row in read):
             raise ValueError("frames are not finite")
     except (ValueError, TypeError, KeyError, csv.Error) as error:
         raise DamagedFileError(

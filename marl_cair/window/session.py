@@ -18,6 +18,7 @@ from marl_cair.games.players.recurrent import call_agent, find_state_size
 from marl_cair.games.replays import Replay, ReplayWriter, write_replay
 from marl_cair.league.agents.foreign import require_answers
 from marl_cair.league.play.playing import map_seeds
+from marl_cair.viewer.values import ACTION_VALUES
 from marl_cair.window.numbers import Numbers, count_kills, read_numbers, read_world
 from marl_cair.window.statistics import name_game, save_statistics
 
@@ -63,9 +64,10 @@ class Note(NamedTuple):
 
 @dataclass
 class History:
-    """The game so far: actions [P, *action_shape] and numbers."""
+    """The game so far: actions [P, *action_shape], action values [P, A] and numbers."""
 
     actions: list[NDArray[np.int32]] = field(default_factory=list)  # of each step
+    values: list[NDArray[np.float16]] = field(default_factory=list)  # too; none without networks
     notes: list[Note] = field(default_factory=list)  # at the start and after each decision
 
 
@@ -142,7 +144,7 @@ class Session:
     def save_replay(self, path: Path) -> None:
         """Write the game so far as a replay. Raises OSError."""
         shape = (0, self.spec.num_players, *self.spec.action_shape)
-        played = self.history.actions
+        played, values = self.history.actions, self.history.values
         winner = int(self.engine.winner[0])
         replay = Replay(
             game=self.game.name,
@@ -153,6 +155,7 @@ class Session:
             actions=np.array(played) if played else np.zeros(shape, np.int32),
             winner=None if winner == NO_WINNER else winner,
             is_complete=True,
+            values={ACTION_VALUES: np.array(values)} if values else None,
         )
         write_replay(path, replay)
 
@@ -179,13 +182,16 @@ class Session:
         actions = np.full(shape, self.spec.noop_action, np.int32)
         if len(self.history.actions) % self.steps_per_decision == 0:
             self._ask_agents(actions)
+        else:
+            self.history.values += self.history.values[-1:]
         for seat, order in orders.items():
             actions[0, seat] = order
         self._count(actions[0], orders)
         before = self.copy_world()
         self.engine.step(actions)
         if self._writer is not None:
-            self._writer.add(actions[0])
+            found = self.history.values
+            self._writer.add(actions[0], {ACTION_VALUES: found[-1]} if found else None)
         if self.game.name == "deep_rts":
             self.kills += count_kills(before, self.copy_world())
         self.returns += self.engine.rewards[0]
@@ -201,7 +207,7 @@ class Session:
         self.history.notes.append(Note(len(self.history.actions), seconds, self.read_numbers()))
 
     def _ask_agents(self, actions: NDArray[np.int32]) -> None:
-        """Write the agents' actions to `actions` [1, P, *action_shape]."""
+        """Write the agents' actions to `actions` [1, P, *action_shape], and keep their values."""
         mask = self.engine.action_mask()
         seen: dict[str, NDArray[Any]] = {}
         for seat, agent in enumerate(self.agents):
@@ -211,13 +217,18 @@ class Session:
             if name not in seen:
                 seen[name] = self.engine.observe(name)
             rows = seen[name][:, seat].copy(), mask[:, seat].copy()
-            find_values = getattr(agent, "values", None)
-            if find_values is not None and not self.spec.action_shape:
+            if hasattr(agent, "values") and not self.spec.action_shape:
                 held = self._states[[seat], : getattr(agent, "state_size", 0)]
-                self._values[seat] = find_values(*rows, held)[0]
+                self._values[seat] = agent.values(*rows, held)[0]
             chosen = call_agent(agent, self._states, ([seat],), *rows)
             require_answers(agent, chosen)
             actions[0, seat] = chosen[0]
+        if self._values:
+            table = np.full((self.spec.num_players, self.spec.num_actions), np.nan, np.float16)
+            with np.errstate(over="ignore"):
+                for seat, found in self._values.items():
+                    table[seat] = np.nan if self.engine.eliminated[0, seat] else found
+            self.history.values.append(table)
 
     def _count(self, actions: NDArray[np.int32], orders: Mapping[int, Any]) -> None:
         """Add the step's actions [P, *action_shape] to the counts of the players that acted."""

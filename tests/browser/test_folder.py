@@ -43,6 +43,15 @@ def test_resources_are_shown_of_both_sides_where_both_are_seen():
     assert describe("deep_rts")["numbers"][0]["enemy"] is None
 
 
+def test_what_an_order_costs_is_shown_in_games_with_prices():
+    prices = describe("deep_line_wars")["actions"]["prices"]
+    assert (prices["buy_grunt"], prices["build_fast"]) == ("40 gold", "20 gold, 2 lumber")
+    assert describe("deep_rts")["actions"]["prices"]["make_smithy"] == (
+        "150 gold, 80 lumber, 30 stone"
+    )
+    assert describe("deep_maze")["actions"]["prices"] == {}
+
+
 def test_the_description_is_plain_data():
     about = describe("deep_rts")
     assert json.loads(json.dumps(about))["options"]["map"] == "15x15-2p-crossing"

@@ -40,7 +40,7 @@ def test_keys_and_buttons_give_orders(line_wars):
     page = line_wars
     page.keyboard.press("1")
     step(page)
-    page.get_by_role("button", name="buy footman").click()
+    page.get_by_role("button", name="buy footman 20 gold").click()
     step(page)
     assert played(page)[-2:] == [1, 2]  # buy_militia, buy_footman
 
@@ -121,6 +121,7 @@ def test_a_bird_flaps_by_space(browser, folders):
         serve(folders("flappy_bird")) as address,
         open_page(browser, address, search="?seed=1&speed=0.25") as page,
     ):
+        assert page.inner_text("#result") == "Ready?"
         page.click("#start")
         page.keyboard.press("p")
         page.locator("#board").focus()
@@ -140,6 +141,14 @@ def test_a_tap_on_the_picture_flaps(browser, folders):
         page.click("#board")
         step(page, 2)
         assert 1 in played(page)
+
+
+def test_a_page_from_disk_names_what_serves_it(browser, folders):
+    page = browser.new_page()
+    page.goto((folders("flappy_bird") / "index.html").as_uri())
+    assert "marl-cair play --browser serves it" in page.inner_text("#cover")
+    assert page.locator("#start").is_disabled()
+    page.close()
 
 
 def test_a_folder_without_its_rules_says_so(browser, folders, tmp_path):

@@ -6,11 +6,13 @@ from PIL import Image
 
 from benchmarks import _networks
 from marl_cair.cli import main
-from marl_cair.cli.agent.explain import read_discount
+from marl_cair.cli.agent.explain import explain_game, read_discount
 from marl_cair.cli.agent.pictures import FILM
+from marl_cair.games.replays import replay_steps
 from marl_cair.league.agents.load import load_agent
 from marl_cair.policies.config import QNetworkConfig
 from tests.refusals import assert_refused
+from tests.viewer.recorded import record
 
 SCENARIO, MAX_TICKS = "11x11", 400
 
@@ -69,6 +71,35 @@ def test_values_of_a_recurrent_agent_are_those_that_it_played_by(tmp_path):
         np.testing.assert_array_equal(fresh[0], steps["values"][0])
 
 
+@pytest.mark.parametrize("seat", [0, 1])
+def test_a_recorded_game_is_valued_from_a_seat(agent, tmp_path, seat):
+    path, loaded = tmp_path / "a.replay", load_agent(agent)
+    options = {"game": "deep_line_wars", "scenario": SCENARIO, "bots": ("random", "rusher")}
+    replay = record(path, steps=300, **options)
+    explained = explain_game(loaded, replay, "sparse", seat, every=1, scale=0.5)
+    masks = [engine.action_mask()[0, seat] for engine in replay_steps(replay)]
+    assert (explained.played == replay.actions[:, seat]).all()
+    assert (explained.action_mask == masks[:-1]).all()
+    values = loaded.values(explained.observation, explained.action_mask)
+    np.testing.assert_array_equal(explained.values, values)
+    won = replay.winner == seat
+    assert explained.ending == ("won" if won else "lost")
+    assert explained.rewards.tolist() == [0.0] * (len(masks) - 2) + [0.5 if won else -0.5]
+
+
+@pytest.mark.slow
+def test_a_game_of_the_window_is_discounted_by_ticks(agent, tmp_path, capsys):
+    path, out = tmp_path / "a.replay", tmp_path / "why"
+    options = {"scenario": SCENARIO, "bots": ("random", "rusher"), "ticks_per_step": 1}
+    record(path, game="deep_line_wars", steps=40, **options)
+    words = ["explain", agent, "--replay", str(path), "--seat", "1", "--gamma", "0.9"]
+    assert main([*words, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert f"in seat 1 of {path}: ended after 40 steps" in printed
+    assert f"(gamma {0.9**0.1:g})" in printed
+    assert (out / "film.gif").is_file()
+
+
 def test_presences_are_those_of_the_part_capsules(agent):
     loaded = load_agent(agent)
     rows = np.zeros((3, *loaded.network.observation_shape), np.uint8)
@@ -93,9 +124,12 @@ def test_the_discount_is_that_of_the_run(agent, tmp_path):
         (["deep_line_wars/rusher"], "has no action values"),
         (["AGENT", "--steps", "0"], "--steps is 0, it must be 1 or more"),
         (["AGENT", "--gamma", "1.5"], "--gamma is 1.5, it must be in 0..1"),
+        (["AGENT", "--replay", "REPLAY", "--seat", "2"], "--seat is 2, it must be in 0..1"),
     ],
 )
 def test_other_agents_and_numbers_are_refused(words, message, agent, capsys, tmp_path):
-    words = [agent if word == "AGENT" else word for word in words]
+    path = tmp_path / "a.replay"
+    record(path, game="deep_line_wars", steps=1, scenario=SCENARIO, bots=("random", "random"))
+    words = [{"AGENT": agent, "REPLAY": str(path)}.get(word, word) for word in words]
     assert_refused(capsys, message, "explain", *words, "--out", str(tmp_path / "why"))
     assert not (tmp_path / "why").exists()

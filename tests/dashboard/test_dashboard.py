@@ -12,11 +12,11 @@ from PIL import Image
 
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
-from marl_cair.dashboard.runs import read_runs
+from marl_cair.dashboard.runs import RunReader
 from marl_cair.dashboard.server import make_server, write_dashboard
 from marl_cair.games import make_engine
 from marl_cair.games.replays import ReplayWriter
-from marl_cair.training.run_log import format_rows
+from marl_cair.training.run_log import format_rows, parse_log
 from marl_cair.training.settings.config_file import save_config
 from tests.chromium import browser, need_browser, serving, watched_page
 
@@ -67,12 +67,42 @@ def get(address, path, **headers):
 
 
 def test_a_run_has_its_metrics_where_they_were_logged(runs):
-    conv, capsule = read_runs(runs)["runs"]
+    conv, capsule = (RunReader(label, folder).read() for label, folder in runs.items())
     assert conv["metrics"]["win_rate/random"] == ([1000.0, 2000.0], [0.5, 0.75])
     assert conv["metrics"]["td_error/real"] == ([2000.0], [0.1])
     assert (conv["steps"], conv["total_steps"]) == (2000.0, 4000)
     assert capsule["about"] == "deep_line_wars 10x15, capsule, seed 0"
     assert list(conv["pictures"]) == ["generator.png"]
+
+
+def test_a_second_reading_parses_only_new_rows(runs, monkeypatch):
+    parsed = []
+
+    def parse(text, path):
+        parsed.append(text)
+        return parse_log(text, path)
+
+    monkeypatch.setattr("marl_cair.dashboard.runs.parse_log", parse)
+    reader, log = RunReader("conv", runs["conv"]), runs["conv"] / "log.csv"
+    columns = "frames,win_rate/random,win_rate/random/low,epsilon,td_error/real"
+    rows = [*ROWS, {"frames": 3000.0, "win_rate/random": 1.0}]
+    with_a_column = [*rows, {"frames": 4000.0, "loss/q": 1.5}]
+    resumed = [ROWS[0], {"frames": 3000.0, "win_rate/random": 0.25}]
+    reader.read()
+    for text in map(format_rows, (rows, with_a_column, resumed)):
+        log.write_text(text)
+        assert reader.read() == RunReader("conv", runs["conv"]).read()
+        del parsed[-1]  # of the reader that reads all
+    assert parsed[1] == f"{columns}\n3000.0,1.0,,,\n"
+    assert parsed[2:] == [format_rows(with_a_column), format_rows(resumed)]
+
+
+def test_a_log_that_was_cut_in_a_row_is_read_as_a_whole(runs):
+    reader = RunReader("conv", runs["conv"])
+    for text in ("frames,epsilon\n1000,0.", "frames,epsilon\n1000,0.5\n"):
+        (runs["conv"] / "log.csv").write_text(text)
+        metrics = reader.read()["metrics"]
+    assert metrics["epsilon"] == ([1000.0], [0.5])
 
 
 def test_the_server_answers_with_page_numbers_and_pictures(runs):

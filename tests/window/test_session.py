@@ -9,6 +9,7 @@ import pytest
 from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.replays import hash_state, read_replay, replay_steps
+from marl_cair.viewer.values import ACTION_VALUES
 from marl_cair.window.numbers import count_kills
 from marl_cair.window.session import View
 from tests.window.persons import make_session
@@ -56,6 +57,23 @@ def test_a_recording_is_played_again_to_the_same_state(tmp_path):
     session.advance()
     session.close()
     assert len(read_replay(tmp_path / "a-2.replay").actions) == 1
+
+
+def test_recordings_hold_the_values_that_a_network_decided_by(tmp_path):
+    session = make_session("deep_line_wars", None, (None, "random"), record=tmp_path / "a.replay")
+    session.agents[1].values = lambda seen, mask, state: np.where(
+        mask, len(session.history.actions), -np.inf
+    )
+    for _ in range(23):
+        session.advance()
+    session.save_replay(tmp_path / "b.replay")
+    session.close()
+    for path in (tmp_path / "a.replay", tmp_path / "b.replay"):
+        values = read_replay(path).values[ACTION_VALUES]
+        assert values.shape == (23, 2, session.spec.num_actions)
+        assert np.isnan(values[:, 0]).all()  # a person
+        noop = session.spec.noop_action
+        assert values[:, 1, noop].tolist() == [0] * 10 + [10] * 10 + [20] * 3
 
 
 def test_a_game_is_saved_as_it_stands(tmp_path):

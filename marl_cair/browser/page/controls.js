@@ -46,8 +46,10 @@ export class Controls {
     button.type = "button";
     const key = this.keys.get(kind.name);
     const shown = KEY_NAMES[key] ?? key;
-    button.innerHTML = "<span></span><kbd></kbd>";
-    button.firstChild.textContent = kind.name.replaceAll("_", " ");
+    button.innerHTML = "<span><span></span> <small></small></span><kbd></kbd>";
+    const [name, price] = button.firstChild.children;
+    name.textContent = kind.name.replaceAll("_", " ");
+    price.textContent = (this.actions.prices[kind.name] ?? "").replace(/(\d) /g, "$1\u00a0");
     button.lastChild.textContent = shown;
     if (kind.hasCells) button.setAttribute("aria-pressed", "false");
     button.addEventListener("click", () => this.choose(kind));

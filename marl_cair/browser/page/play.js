@@ -261,6 +261,8 @@ try {
   const play = await Play.load();
   describeGame(play.game);
   play.run();
+  find("result").textContent = "Ready?";
+  find("about").textContent = "Your orders take effect at the next step.";
   find("start").disabled = false;
   find("start").textContent = "Start";
   globalThis.play = play;

@@ -1,4 +1,4 @@
-"""`marl-cair explain`: play one game and picture the agent's action values in it.
+"""`marl-cair explain`: play one game, or take a recorded one, and picture an agent's action values.
 
 The folder gets `values.png` (action values and advantages at some steps), `actions.png` (actions
 over the game), `overestimation.png` (largest value against the discounted return that followed),
@@ -21,33 +21,41 @@ from marl_cair.checkpoint import find_agent, read_description
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser, require_counts
+from marl_cair.games import GAMES
 from marl_cair.games.game import Agent, Game
 from marl_cair.games.players.recurrent import call_agent, find_state_size
+from marl_cair.games.replays import Replay, read_replay, replay_steps
 from marl_cair.league.agents.foreign import require_answers
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.training.settings.config_file import CONFIG_FILE, read_yaml
 from marl_cair.training.settings.learner import LearnerSettings
 
 if TYPE_CHECKING:
+    from marl_cair.games.engine import BatchedEngine
     from marl_cair.policies.actor import PolicyActor
 
 
 @dataclasses.dataclass(frozen=True)
 class ExplainedGame:
-    """One game of T steps as the agent in the first seat saw it. `observation` [T, *shape] and
-    `action_mask` bool [T, A] before each step; `values` float32 [T, A] of `agent.values`; `played`
-    int32 [T, P], the actions of all seats; `rewards` float64 [T] in the unit of the values.
+    """A recorded game of T steps as an agent in `seat` sees it. `observation` [T, *shape] and
+    `action_mask` bool [T, A] before each step; `values` float32 [T, A] of `agent.values`;
+    `rewards` float64 [T] in the unit of the values.
     """
 
-    game: Game
-    scenario: Any
-    map_seed: int
+    replay: Replay
+    seat: int
     observation: NDArray[Any]
     action_mask: NDArray[np.bool_]
     values: NDArray[np.float32]
-    played: NDArray[np.int32]
     rewards: NDArray[np.float64]
-    ending: str  # won, lost, drawn or out of time
+    ending: str  # won, lost, ended or out of time
+    every: int  # steps from one decision of the agent to the next
+
+    @property
+    def played(self) -> NDArray[np.int32]:
+        """The actions [T] of the seat in the game."""
+        played: NDArray[np.int32] = self.replay.actions[:, self.seat]
+        return played
 
     def discount(self, gamma: float) -> NDArray[np.float64]:
         """Discounted sums [T] of the rewards from each step to the end."""
@@ -59,45 +67,49 @@ class ExplainedGame:
 
 def run(arguments: Sequence[str]) -> int:
     """Play, write the folder and print its files; returns the exit code."""
-    from marl_cair.cli.agent.pictures import draw_all
+    from marl_cair.cli.agent.pictures import save_all
     from marl_cair.policies.actor import PolicyActor
 
     options = make_parser().parse_args(arguments)
     require_counts(options, "steps")
-    game, name, scenario = shared.choose_scenario(options, [options.agent])
+    replay, every = read_replay(options.replay) if options.replay else None, 1
+    if replay is None:
+        game, name, scenario = shared.choose_scenario(options, [options.agent])
+        about = f"against {options.opponent} on {game.name} {name}"
+    else:
+        game, scenario = GAMES[replay.game], replay.scenario
+        about = f"in seat {options.seat} of {options.replay}"
+        if options.seat not in range(len(replay.players)):
+            last = len(replay.players) - 1
+            raise ValueError(f"--seat is {options.seat}, it must be in 0..{last}")
+    if game.make_spec(scenario).action_shape:
+        raise ValueError(f"{game.name}: a seat chooses several actions per step in this scenario")
     load = shared.choose_load(options)
     agent = load(options.agent, game.name, scenario)
     if not isinstance(agent, PolicyActor):
         raise ValueError(f"{options.agent} has no action values: give the folder of a checkpoint")
-    opponent = load(options.opponent, game.name, scenario)
     gamma, scale = read_discount(options.agent)
     gamma = gamma if options.gamma is None else options.gamma
     if not 0.0 <= gamma <= 1.0:
         raise ValueError(f"--gamma is {gamma}, it must be in 0..1")
-    reward = read_description(options.agent).scenario_options.get("reward", game.rated_reward)
-    scenario = dataclasses.replace(scenario, reward=reward)  # that the values are about
-    explained = play_game(agent, opponent, game, scenario, options.seed, scale)
-    folder = Path(options.out)
-    folder.mkdir(parents=True, exist_ok=True)
+    trained = read_description(options.agent)
+    if replay is None:
+        opponent = load(options.opponent, game.name, scenario)
+        replay = play_game(agent, opponent, game, scenario, options.seed)
+    else:
+        decided = game.make_spec(game.scenario(trained.scenario, **trained.scenario_options))
+        every = max(1, decided.ticks_per_step // replay.spec.ticks_per_step)
+        gamma **= 1 / every  # of a step of the recording
+    reward = trained.scenario_options.get("reward", game.rated_reward)  # that the values are about
+    explained = explain_game(agent, replay, reward, options.seat, every, scale)
     returns = explained.discount(gamma)
-    np.savez_compressed(
-        folder / "steps.npz",
-        observation=explained.observation,
-        action_mask=explained.action_mask,
-        values=explained.values,
-        action=explained.played[:, 0],
-        reward=explained.rewards,
-        discounted_return=returns,
-        gamma=gamma,
-    )
-    names = draw_all(explained, agent, returns, gamma, options.steps, folder)
+    names = save_all(explained, agent, returns, gamma, options.steps, Path(options.out))
     largest = explained.values.max(1)
     sys.stdout.write(
-        f"{options.agent} against {options.opponent} on {game.name} {name}: {explained.ending} "
-        f"after {len(returns)} steps\n"
+        f"{options.agent} {about}: {explained.ending} after {len(returns)} steps\n"
         f"largest value {largest.mean():.3f} on average, discounted return {returns.mean():.3f} "
         f"(gamma {gamma:g}): overestimation {np.mean(largest - returns):+.3f}\n"
-        f"{folder}: {', '.join([*names, 'steps.npz'])}\n"
+        f"{options.out}: {', '.join(names)}\n"
     )
     return EXIT_DONE
 
@@ -114,49 +126,72 @@ def read_discount(agent: str) -> tuple[float, float]:
     return LearnerSettings().gamma, LearnerSettings().reward_scale
 
 
-def play_game(
-    agent: PolicyActor, opponent: Agent, game: Game, scenario: Any, seed: int, scale: float
-) -> ExplainedGame:
+def play_game(agent: Agent, opponent: Agent, game: Game, scenario: Any, seed: int) -> Replay:
     """Play the first map of `play_match`, `agent` in the first seat and in those of its team.
 
-    Rewards are multiplied by `scale`. Raises ValueError for scenarios in which a seat chooses
-    several actions per step, ForeignAgentError for an opponent that forfeits.
+    Raises ForeignAgentError for an opponent that forfeits.
     """
     from marl_cair.games.engine import BatchedEngine
 
     map_seed = int(map_seeds(seed, np.zeros(1, np.int64))[0])
     engine = BatchedEngine(game, scenario)
-    if engine.spec.action_shape:
-        raise ValueError(f"{game.name}: a seat chooses several actions per step in this scenario")
     engine.reset(np.array([map_seed], np.uint64))
     teams = engine.spec.team_of_seat
     own, others = np.flatnonzero(teams == teams[0]), np.flatnonzero(teams != teams[0])
     for player in (agent, opponent):
         player.seed(seed)
     states = np.zeros((engine.num_players, find_state_size(agent, opponent)), np.float32)
-    seen, masks, held, played, rewards = [], [], [], [], []
+    played = []
     while not (engine.terminated | engine.truncated)[0]:
         mask, actions = engine.action_mask()[0], np.zeros((1, engine.num_players), np.int32)
-        held.append(states[0, : agent.state_size].copy())
         for player, seats in ((agent, own), (opponent, others)):
             if len(seats):
                 rows = engine.observe(player.representation)[0, seats].copy(), mask[seats].copy()
                 actions[0, seats] = call_agent(player, states, (seats,), *rows)
                 require_answers(player, actions[0, seats])
-        seen.append(engine.observe(agent.representation)[0, 0].copy())
-        masks.append(mask[0].copy())
         played.append(actions[0])
         engine.step(actions)
-        rewards.append(float(engine.rewards[0, 0]) * scale)
-    winner = int(engine.winner[0])
-    if engine.truncated[0]:
-        ending = "out of time"
-    else:
-        ending = "ended" if winner < 0 else "won" if teams[winner] == teams[0] else "lost"
+    names = tuple(agent.name if team == teams[0] else opponent.name for team in teams)
+    about = (game.name, scenario, game.version, map_seed, names)
+    return Replay(*about, np.array(played), winner=None, is_complete=True)
+
+
+def explain_game(
+    agent: PolicyActor, replay: Replay, reward: str, seat: int, every: int, scale: float
+) -> ExplainedGame:
+    """A recorded game as `agent` values it in a seat, with rewards of another kind times `scale`.
+
+    The agent's memory takes each `every`-th step: those at which it would decide. Raises
+    ReplayError as `replay_steps`.
+    """
+    if reward != replay.scenario.reward:  # hashes are of states and rewards
+        scenario = dataclasses.replace(replay.scenario, reward=reward)
+        replay = dataclasses.replace(replay, scenario=scenario, hashes={})
+    states = np.zeros((1, find_state_size(agent)), np.float32)
+    seen, masks, held, rewards = [], [], [], []
+    for step, engine in enumerate(replay_steps(replay)):
+        rewards.append(float(engine.rewards[0, seat]) * scale)
+        ending = describe_ending(engine, seat)
+        if step == len(replay.actions):
+            break
+        rows = engine.observe(agent.representation)[:, seat].copy(), engine.action_mask()[:, seat]
+        held.append(states[0].copy())
+        if step % every == 0:
+            call_agent(agent, states, ([0],), *rows)
+        seen.append(rows[0][0])
+        masks.append(rows[1][0].copy())
     observation, mask = np.array(seen), np.array(masks)
     values = agent.values(observation, mask, np.array(held))
-    steps = np.array(played), np.array(rewards)
-    return ExplainedGame(game, scenario, map_seed, observation, mask, values, *steps, ending)
+    paid = np.array(rewards[1:])
+    return ExplainedGame(replay, seat, observation, mask, values, paid, ending, every)
+
+
+def describe_ending(engine: BatchedEngine, seat: int) -> str:
+    """How a game has ended for a seat."""
+    winner, teams = int(engine.winner[0]), engine.spec.team_of_seat
+    if engine.truncated[0]:
+        return "out of time"
+    return "ended" if winner < 0 else "won" if teams[winner] == teams[seat] else "lost"
 
 
 def make_parser() -> Parser:
@@ -169,6 +204,14 @@ def make_parser() -> Parser:
     parser.add_argument("agent", metavar="AGENT", help=shared.CHECKPOINT_HELP)
     parser.add_argument(
         "--opponent", default="random", help=f"{shared.AGENT_HELP} (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--replay",
+        metavar="FILE",
+        help="a recorded game, in the place of one that is played against --opponent",
+    )
+    parser.add_argument(
+        "--seat", type=int, default=0, help="of the agent in --replay (default: %(default)s)"
     )
     shared.add_options(parser, "--seed", *shared.SCENARIO_OPTIONS, *shared.ANSWER_LIMITS)
     parser.add_argument(

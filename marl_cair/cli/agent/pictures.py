@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.replays import replay_steps
 from marl_cair.league.play.film import Size, shrink, write_film
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _BLUE, _ORANGE, _GREY = "#3b6ea8", "#d9822b", "#9aa3ad"
 _ROW, _LEFT, _WIDTH = 24, 150, 320  # pixels of the film's bars
 
 
-def draw_all(
+def save_all(
     explained: ExplainedGame,
     agent: PolicyActor,
     returns: NDArray[np.float64],
@@ -31,11 +31,23 @@ def draw_all(
     num_steps: int,
     folder: Path,
 ) -> list[str]:
-    """Write all pictures to `folder`; returns the names of the files."""
+    """Write all pictures and numbers to `folder`; returns the names of the files."""
     from matplotlib.figure import Figure
 
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(
+        folder / "steps.npz",
+        observation=explained.observation,
+        action_mask=explained.action_mask,
+        values=explained.values,
+        action=explained.played,
+        reward=explained.rewards,
+        discounted_return=returns,
+        gamma=gamma,
+    )
     length = len(returns)
-    chosen = np.unique(np.linspace(0, length - 1, min(num_steps, length)).round().astype(int))
+    chosen = np.linspace(0, length - 1, min(num_steps, length)).round().astype(int)
+    chosen = np.unique(chosen // explained.every * explained.every)
     every = -(-length // FILM.max_frames)
     kept = range(0, length, every)
     boards = render_steps(explained, {*chosen.tolist(), *kept})
@@ -50,19 +62,13 @@ def draw_all(
     for name, figure in figures.items():
         figure.savefig(folder / name, dpi=150)
     write_film(folder / "film.gif", [draw_frame(explained, boards[s], s) for s in kept], FILM)
-    return [*figures, "film.gif"]
+    return [*figures, "film.gif", "steps.npz"]
 
 
 def render_steps(explained: ExplainedGame, steps: set[int]) -> dict[int, NDArray[np.uint8]]:
     """Pictures of the game before each of `steps`, uint8 [h, w, 3], played again."""
-    engine = BatchedEngine(explained.game, explained.scenario)
-    engine.reset(np.array([explained.map_seed], np.uint64))
-    boards = {}
-    for step, actions in enumerate(explained.played):
-        if step in steps:
-            boards[step] = engine.render(0).copy()
-        engine.step(actions[None])
-    return boards
+    games = enumerate(replay_steps(explained.replay))
+    return {step: engine.render(0).copy() for step, engine in games if step in steps}
 
 
 def rank_actions(explained: ExplainedGame, step: int) -> NDArray[np.int64]:
@@ -71,25 +77,19 @@ def rank_actions(explained: ExplainedGame, step: int) -> NDArray[np.int64]:
     return order[: min(MOST_BARS, int(explained.action_mask[step].sum()))]
 
 
-def list_names(explained: ExplainedGame) -> tuple[str, ...]:
-    """The names of all actions."""
-    names: tuple[str, ...] = explained.game.make_spec(explained.scenario).action_names
-    return names
-
-
 def draw_values(
     explained: ExplainedGame, boards: dict[int, NDArray[np.uint8]], chosen: NDArray[np.int64]
 ) -> Any:
     """For each step: the game, action values, and advantages over the mean of legal actions."""
     figure, axes = _make_figure(len(chosen), 3, (12.5, 3.1 * len(chosen)), [1.0, 1.0, 1.0])
-    names = list_names(explained)
+    names = explained.replay.spec.action_names
     for (board, value, advantage), step in zip(axes, chosen.tolist(), strict=True):
         board.imshow(boards[step])
         board.set_axis_off()
         board.set_title(f"step {step}", fontsize=10)
         ranked, row = rank_actions(explained, step), explained.values[step]
         mean = row[explained.action_mask[step]].mean()
-        colours = [_ORANGE if one == explained.played[step, 0] else _BLUE for one in ranked]
+        colours = [_ORANGE if one == explained.played[step] else _BLUE for one in ranked]
         places = np.arange(len(ranked))
         value.barh(places, row[ranked], color=colours)
         advantage.barh(places, row[ranked] - mean, color=colours)
@@ -109,8 +109,8 @@ def draw_values(
 
 def draw_actions(explained: ExplainedGame) -> Any:
     """How often each kind of action was played, and when."""
-    spec = explained.game.make_spec(explained.scenario)
-    played = explained.played[:, 0].astype(np.int64)
+    spec = explained.replay.spec
+    played = explained.played.astype(np.int64)
     names, kinds = spec.action_group_names, spec.action_groups[played].astype(np.int64)
     if spec.num_actions <= MOST_NAMES:
         names, kinds = spec.action_names, played
@@ -198,12 +198,12 @@ def draw_frame(explained: ExplainedGame, board: NDArray[np.uint8], step: int) ->
     finite = explained.values[np.isfinite(explained.values)]
     low, high = min(0.0, float(finite.min())), max(0.0, float(finite.max()))
     start, scale = game.width + _LEFT, (_WIDTH - 70) / max(high - low, 1e-9)
-    names, zero = list_names(explained), start - low * scale
+    names, zero = explained.replay.spec.action_names, start - low * scale
     draw.text((start, 4), f"step {step}: action values Q", fill="black", font=font)
     for place, action in enumerate(rank_actions(explained, step).tolist()):
         value, top = float(explained.values[step, action]), _ROW * (place + 1) + 4
         end = zero + value * scale
-        colour = _ORANGE if action == explained.played[step, 0] else _BLUE
+        colour = _ORANGE if action == explained.played[step] else _BLUE
         draw.rectangle((min(zero, end), top, max(zero, end), top + _ROW - 8), fill=colour)
         label = names[action] if len(names[action]) <= 19 else f"{names[action][:18]}."
         draw.text((start - 6, top), label, fill="black", font=font, anchor="ra")

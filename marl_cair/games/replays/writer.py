@@ -192,13 +192,14 @@ class ReplayWriter:
 
 
 def write_replay(path: str | os.PathLike[str], replay: Replay) -> None:
-    """Write a replay that was not recorded, without `values`: it is played again for the hashes.
+    """Write a replay that was not recorded: it is played again for the hashes.
 
     Raises as `ReplayWriter`.
     """
     steps = replay_steps(replay)
     seed, players, extra = replay.map_seed, replay.players, replay.extra
     with ReplayWriter(path, next(steps), map_seed=seed, players=players, extra=extra) as writer:
-        for actions, _ in zip(replay.actions, steps, strict=True):
-            writer.add(actions)
+        for step, _ in enumerate(steps):
+            values = {name: numbers[step] for name, numbers in (replay.values or {}).items()}
+            writer.add(replay.actions[step], values)
         writer.close(NO_WINNER if replay.winner is None else replay.winner)

@@ -18,6 +18,7 @@ LAST_FRAME_MILLISECONDS = 2_500
 MOST_HIGH = 2  # times the width of a film: a higher board is shown narrower
 MOST_GIF_FPS = 50  # programs show faster GIFs slowly
 NUM_COLOURS, MOST_GIF_BYTES = 256, 1 << 30
+_SAMPLED_PIXELS = 1 << 16  # from which the palette of a GIF is made
 
 Frame = NDArray[np.uint8]  # [height, width, 3], RGB
 
@@ -94,7 +95,7 @@ def shrink(frame: Frame, width: int) -> Image.Image:
 
 
 def write_gif(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -> int:
-    """A GIF that loops; up to 256 colours are exact.
+    """A GIF that loops; up to 256 colours are exact, of more the frequent ones.
 
     Raises ValueError for more frames per second than programs show, or more frames than fit into
     memory.
@@ -121,8 +122,10 @@ def write_gif(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -
                 f"{MOST_GIF_BYTES >> 20} MiB): leave frames out, or write an .mp4"
             )
     listed = np.array(colours, ">u4").view(np.uint8).reshape(1, -1, 4)[..., 1:]
-    palette = Image.fromarray(np.ascontiguousarray(listed)).quantize(NUM_COLOURS)
-    shown = np.asarray(palette)[0]
+    counts = sum(np.bincount(picture.ravel(), minlength=len(colours)) for picture in pictures)
+    weights = np.ceil(counts / np.sum(counts) * _SAMPLED_PIXELS).astype(np.int64)
+    palette = Image.fromarray(np.repeat(listed, weights, axis=1)).quantize(NUM_COLOURS)
+    shown = np.asarray(palette)[0][np.cumsum(weights) - 1]
     films = [Image.fromarray(shown[picture]) for picture in pictures]
     for film in films:
         film.putpalette(palette.getpalette() or [])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from marl_cair.files import write_atomically
-from marl_cair.games.game import NO_WINNER
+from marl_cair.games.game import NO_WINNER, Agent
 from marl_cair.games.replays import Replay
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_fingerprint, read_source
@@ -31,6 +31,7 @@ from marl_cair.outside import CodeNotAllowedError
 from marl_cair.stored import DamagedFileError
 from marl_cair.viewer.game_data import FORMAT_VERSION
 from marl_cair.viewer.page import make_element, read_game, write_viewer
+from marl_cair.viewer.values import add_values
 
 FOLDER = "replays"
 MAX_BYTES = 1_500_000  # of one game: a report with three has less than 5 MB
@@ -204,7 +205,7 @@ class ReplayRenderer:
         differs = path.with_suffix(".differs")  # so that it is not replayed at each report
         if not differs.is_file():
             try:
-                _write_small(path, self.play_again(place))
+                _write_small(path, add_values(*self.play_again(place)))
             except ReplayDiffersError:
                 write_atomically(differs, f"block {block}, game {turn}\n")
             else:
@@ -224,8 +225,8 @@ class ReplayRenderer:
         """The number of the game's block within its line-up, and of the game within the block."""
         return int(self.stored.numbers[place]), int(self.stored.turns[place])
 
-    def play_again(self, place: int) -> Replay:
-        """The game, played again from its seed. Raises NotShownError if that cannot be done."""
+    def play_again(self, place: int) -> tuple[Replay, Mapping[int, Agent]]:
+        """The game, played again from its seed, and its agents by seat. Raises NotShownError."""
         rules, block, turn = self._rules, *self._find_block(place)
         line_up = self._find_line_up(place)
         version = str(self.store.settings["game_version"])
@@ -253,17 +254,19 @@ class ReplayRenderer:
         if ended.trajectories[world] != self.stored.trajectories[place]:
             raise ReplayDiffersError
         winner = int(ended.winner[world])
-        return Replay(
+        players = [int(self.stored.agents[place, team]) for team in teams]
+        replay = Replay(
             rules.game.name,
             engine.scenario,
             rules.game.version,
             int(self.stored.map_seeds[place]),
-            tuple(self.names[int(self.stored.agents[place, team])] for team in teams),
+            tuple(self.names[one] for one in players),
             np.array(actions, np.int32),
             None if winner == NO_WINNER else winner,
             is_complete=True,
             extra={"block": block, "game": turn},
         )
+        return replay, {seat: entrants[one].agent for seat, one in enumerate(players)}
 
     def _load_entrant(self, number: int) -> Entrant:
         record, name, rules = self._records[number], self.names[number], self._rules

@@ -37,6 +37,14 @@ def read_gif(path):
         return frames, film.info["duration"]
 
 
+def test_a_gif_with_too_many_colours_keeps_the_frequent_ones(tmp_path):
+    frame = np.full((64, 64, 3), (64, 108, 72), np.uint8)  # a board, and a text of many colours
+    frame[:20, :50] = np.random.default_rng(0).integers(0, 256, (20, 50, 3), np.uint8)
+    write_gif(tmp_path / "a.gif", [frame, 255 - frame], 10)
+    frames, _ = read_gif(tmp_path / "a.gif")
+    assert (frames[0][20:] == frame[20:]).all()
+
+
 def test_a_gif_has_all_frames_in_their_exact_colours(tmp_path):
     frames = make_frames()
     assert write_gif(tmp_path / "a.gif", iter(frames), 20) == 7

@@ -16,7 +16,7 @@ from marl_cair.games import GAMES
 from marl_cair.lookup import check_name
 from marl_cair.memory import NotEnoughMemoryError
 from marl_cair.stored import read_json
-from marl_cair.training.settings.checks import require, require_once
+from marl_cair.training.settings.checks import DeviceError, require, require_once
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 from marl_cair.training.settings.config_file import build_value, to_plain
 
@@ -218,7 +218,7 @@ def find_shortage(cell: Cell) -> str:
 
         try:
             require_memory_of_run(cell.config)
-        except NotEnoughMemoryError as error:
+        except (NotEnoughMemoryError, DeviceError) as error:
             return str(error)
     if cell.config.game.name == "flash":
         from marl_cair.games.flash.browser.installing import diagnose

@@ -142,7 +142,7 @@ def test_networks_losses_and_explorations_learn(tmp_path, combination):
 @pytest.mark.slow
 @pytest.mark.parametrize("change", [{"distances": True}, {"cell_values": True}, {"head": "naf"}])
 def test_networks_that_read_the_board_learn(tmp_path, change):
-    policy = QNetworkConfig(body="mlp", hidden_width=8, **change)
+    policy = QNetworkConfig(hidden_width=8, **change)
     config = tiny(tmp_path / "run", policy=policy, synthetic_fraction=0.0)
     states = []
     for own in (config, on_gpu(config)):

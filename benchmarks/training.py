@@ -8,7 +8,7 @@ make one update of 256 rows per 64 frames with the same network, double Q-learni
 target updates; only the plumbing differs. A frame is one decision of one world. Best of 5 windows,
 taken in turn; the first window warms up. Generated transitions are off in both. The package's loop
 runs once more with `learner.autocast`, in bfloat16, if asked: many CPUs are slower with it; and once
-more with `device`, if asked. At the end each of the package's loops makes updates alone, sampling included.
+more with `device`. At the end the package's loops make updates alone, sampling included.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def data(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def machine(data):
-    with Machine():
+    with Machine(), torch.autograd.set_multithreading_enabled(False):  # it is of this thread
         yield
 
 

@@ -1,12 +1,14 @@
 """Frame rate of the whole training loop, as a ratio to a bare PyTorch loop without TorchRL.
 
     python -m benchmarks.training [--policy conv] [--frames 20480] [--threads 2] [--autocast]
+                                   [--device cuda]
 
 Both loops play the same engine with the newest self in every seat, store every transition, and
 make one update of 256 rows per 64 frames with the same network, double Q-learning, Adam and soft
 target updates; only the plumbing differs. A frame is one decision of one world. Best of 5 windows,
 taken in turn; the first window warms up. Generated transitions are off in both. The package's loop
-runs once more with `learner.autocast`, in bfloat16, if asked: many CPUs are slower with it.
+runs again with `learner.autocast`, in bfloat16, if asked: many CPUs are slower with it; and once
+more with `device`. At the end the package's loops make updates alone, sampling included.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ from marl_cair.training.settings.config import (
 from marl_cair.training.settings.learner import LearnerSettings
 
 WORLDS, STEPS, CAPACITY, MIN_TRANSITIONS = 128, 16, 100_000, 5_000
-WINDOWS = 5
+WINDOWS, UPDATES = 5, 50
 BATCH, FRAMES_PER_UPDATE = 256, 64
 EPSILON = 0.5
 FULL, REDUCED = "marl_cair (TorchRL)", "marl_cair, autocast"
@@ -143,10 +145,13 @@ class BareLoop:
 class FullLoop:
     """The package's own loop, as `marl-cair train` runs it."""
 
-    def __init__(self, policy: str, folder: str, autocast: bool = False) -> None:
+    def __init__(
+        self, policy: str, folder: str, autocast: bool = False, device: str = "cpu"
+    ) -> None:
         latest = {"latest": 1.0}
         self.config = TrainConfig(
             out=folder,
+            device=device,
             synthetic_fraction=0.0,
             policy=QNetworkConfig(body=policy),
             opponent=OpponentSettings(latest, warmup_mixture=latest, snapshot_every_frames=10**9),
@@ -161,6 +166,13 @@ class FullLoop:
         self.run = training_run.TrainingRun(self.config)
         self.timers = Timers()
         self._steps: Iterator[int] = trainer.iterate(self.run, self.timers)
+
+    def measure_updates(self) -> float:
+        """Updates per second, of sampled batches."""
+        start = time.perf_counter()
+        for _ in range(UPDATES):
+            self.run.learner.update(self.run.replay.sample())  # which waits for a GPU
+        return UPDATES / (time.perf_counter() - start)
 
     def play(self, num_frames: int) -> None:
         """Run whole iterations until `num_frames` more are done."""
@@ -183,6 +195,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=20_480, help="of each window")
     parser.add_argument("--threads", type=int, default=2, help="of torch")
     parser.add_argument("--autocast", action="store_true", help="measure bfloat16 too")
+    parser.add_argument("--device", help="measure it too: cuda or cuda:N")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     folder = tempfile.mkdtemp(prefix="marl_cair_benchmark_")
@@ -191,6 +204,9 @@ def main() -> None:
         loops[FULL] = FullLoop(options.policy, f"{folder}/run")
         if options.autocast:
             loops[REDUCED] = FullLoop(options.policy, f"{folder}/reduced", autocast=True)
+        if options.device:
+            name = f"marl_cair, {options.device}"
+            loops[name] = FullLoop(options.policy, f"{folder}/gpu", device=options.device)
         rates: dict[str, list[float]] = {name: [] for name in loops}
         for window in range(WINDOWS + 1):
             for name, loop in loops.items():
@@ -217,6 +233,9 @@ def report(
         print(
             f"{name:24s} {max(values):8,.0f} frames/s  {max(values) / reference:6.1%}  ({spread})"
         )
+    for name, loop in loops.items():
+        if isinstance(loop, FullLoop):
+            print(f"{name:24s} {loop.measure_updates():8,.1f} updates/s, sampling included")
     seconds = loops[FULL].timers.report(1)
     parts = {name: value for name, value in seconds.items() if name.startswith("seconds/")}
     total = sum(parts.values())

@@ -202,7 +202,7 @@ def load_network(folder: str | os.PathLike[str]) -> tuple[QNetwork, AgentDescrip
         config = read_network_config(about, find_folder(place) / DESCRIPTION_FILE)
         # The described network is not allocated before its size fits the file.
         needed, held = count_weight_bytes(config, shape, num_actions), path.stat().st_size
-        if needed > held:
+        if needed > 2 * held:  # weights may be stored as float16
             raise ValueError(
                 f"{DESCRIPTION_FILE} is of a network of {needed:,} bytes, the file has {held:,}"
             )
@@ -235,12 +235,15 @@ def count_weight_bytes(config: QNetworkConfig, shape: tuple[int, ...], num_actio
 
 
 def save_tensors(values: Mapping[str, Any], path: Path) -> None:
-    """Write tensors and plain data for `load_tensors`. Raises OSError where the disk is full."""
+    """Write tensors, of any device, and plain data for `load_tensors`. Raises OSError where the
+    disk is full.
+    """
     import torch
+    from torch.utils._pytree import tree_map_only
 
     # torch writes files itself and reports a full disk as an error of its own position.
     buffer = io.BytesIO()
-    torch.save(values, buffer)
+    torch.save(tree_map_only(torch.Tensor, torch.Tensor.cpu, dict(values)), buffer)
     path.write_bytes(buffer.getbuffer())
 
 

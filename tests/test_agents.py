@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import pytest
+import torch
 
-from marl_cair.checkpoint import read_description
+from marl_cair.checkpoint import load_network, load_tensors, read_description
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.match import play_match
@@ -25,6 +26,18 @@ def test_the_page_names_all():
     assert {path.name for path in AGENTS.iterdir() if path.is_dir()} == set(LEAST)
     for name in LEAST:
         assert f"`{name}`" in page
+
+
+def test_they_are_small():
+    files = [path for path in AGENTS.rglob("*") if path.is_file()]
+    assert sum(path.stat().st_size for path in files) < 15e6
+
+
+def test_weights_are_half_as_exact_and_play_in_full_precision():
+    weights = load_tensors(AGENTS / "deep_line_wars_10x15" / "weights.pt")
+    assert {value.dtype for value in weights.values()} == {torch.float16}
+    network, _ = load_network(AGENTS / "deep_line_wars_10x15")
+    assert {value.dtype for value in network.parameters()} == {torch.float32}
 
 
 @pytest.mark.slow

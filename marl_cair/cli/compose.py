@@ -23,7 +23,7 @@ from marl_cair.generative import GENERATORS
 from marl_cair.lookup import check_name
 from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
-from marl_cair.training.settings.config import RENAMED_OPTIONS, TrainConfig
+from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import build_config, build_value
 from marl_cair.training.settings.options import list_options
 
@@ -310,8 +310,6 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
             for choice in value.strip("[]").split(","):
                 check_name(f"{name} (marl-cair train {name}=...)", choice, known)
             continue
-        if name in RENAMED_OPTIONS:
-            raise ValueError(f"{name} is called {RENAMED_OPTIONS[name]} now") from error
         kinds = [path for path in options if name == path or name.startswith(f"{path}.")]
         check_name("option", kinds[0] if kinds else name, [*options, *SHORTHANDS, *GROUPS])
         if name in options:

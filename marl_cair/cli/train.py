@@ -23,7 +23,12 @@ from marl_cair.files import find_folder
 from marl_cair.lookup import find_by_name
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import TrainConfig
-from marl_cair.training.settings.config_file import CONFIG_FILE, ENDS, build_value, load_config
+from marl_cair.training.settings.config_file import (
+    CHANGEABLE,
+    CONFIG_FILE,
+    build_value,
+    load_config,
+)
 from marl_cair.training.settings.options import list_options
 
 _ALLOW_CODE = "allow_code"
@@ -86,7 +91,7 @@ def read_resume(arguments: Sequence[str]) -> TrainConfig:
     _refuse_without_state(Path(folder), config)
     changes = {}
     for name, value in words.items():
-        kind = find_by_name("option of a resumed run", name, ENDS)
+        kind = find_by_name("option of a resumed run", name, CHANGEABLE)
         changes[name] = build_value(kind, read_value(f"{name}={value}"), name)
     return dataclasses.replace(config, **changes)
 
@@ -128,7 +133,7 @@ def describe_options() -> str:
 _USAGE = f"""usage: marl-cair train [group=choice ...] [option=value ...]
        marl-cair train --multirun seed=0,1,2 policy=conv,capsule out=runs/sweep
        marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [stop_score=S]
-                       [allow_code=true]
+                       [device=D] [allow_code=true]
 
 --multirun, -m    one run for each combination of values, in folders of their own below out=;
                   the same command again resumes them

@@ -10,13 +10,13 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair.experiments.plan import Length, Plan, RatingSettings, TaskSettings
+from marl_cair.experiments.plan import BEST, Length, Plan, RatingSettings, TaskSettings
 from marl_cair.files import write_json
 from marl_cair.games import GAMES
 from marl_cair.lookup import check_name
 from marl_cair.memory import NotEnoughMemoryError
 from marl_cair.stored import read_json
-from marl_cair.training.settings.checks import require, require_once
+from marl_cair.training.settings.checks import DeviceError, require, require_once
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
 from marl_cair.training.settings.config_file import build_value, to_plain
 
@@ -107,6 +107,8 @@ def _compose(plan: Plan, draft: Draft, compose: Compose, scale: float) -> TrainC
             require(name not in _SET_HERE, "a word", word, f"left out: a plan sets {name} itself")
         config = _set_length(compose(layers), plan.budget, scale)
         _check_rating(task, config)
+        if task.rating.agent == BEST and not (draft.agent or draft.trainer):
+            require_best(config, config.total_frames)
     except ValueError as error:
         raise ValueError(f"the cell {draft.name} cannot be run: {error}") from error
     return config
@@ -192,8 +194,7 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
     game, scenario = GAMES[config.game.name], make_scenario(config, task.rating)
     num_teams, bots = game.make_spec(scenario).num_teams, task.rating.bots
     if num_teams == 1:
-        allowed = "left out: the game is played alone"
-        require(not bots, "rating.bots", list(bots), allowed)
+        require(not bots, "rating.bots", list(bots), "left out: the game is played alone")
     else:
         require(len(bots) > 0, "rating.bots", [], f"one or more bots: {', '.join(game.bots)}")
         games, allowed = task.rating.games, f"a multiple of {num_teams}, the number of teams"
@@ -204,6 +205,14 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
     for agent in task.agents:
         if not Path(agent).is_dir():
             check_name(f"{game.name} bot or checkpoint folder", agent, game.bots)
+
+
+def require_best(config: TrainConfig, frames: int) -> None:
+    """Raise ValueError if no evaluation of a run of `frames` steps chooses a best agent."""
+    every, bots = config.evaluation.every_frames, config.evaluation.bots
+    chooses = every <= frames and (bool(bots) or config.game.spec.num_teams == 1)
+    allowed = f"latest, or set evaluation.bots ({', '.join(bots)}) and evaluation.every_frames "
+    require(chooses, "rating.agent", BEST, f"{allowed}({every:,}) to evaluate in {frames:,} steps")
 
 
 def list_shortages(cells: Sequence[Cell]) -> dict[str, str]:
@@ -218,11 +227,11 @@ def find_shortage(cell: Cell) -> str:
 
         try:
             require_memory_of_run(cell.config)
-        except NotEnoughMemoryError as error:
+        except (NotEnoughMemoryError, DeviceError) as error:
             return str(error)
     if cell.config.game.name == "flash":
         from marl_cair.games.flash.browser.installing import diagnose
 
-        if missing := diagnose(needs_display=False):
-            return "; ".join(f"{one.name} is missing: {one.command}" for one in missing)
+        missing = diagnose(needs_display=False)
+        return "; ".join(f"{one.name} is missing: {one.command}" for one in missing)
     return ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +49,11 @@ def measure(agent: Any, cell: Cell, look: int) -> Row:
             summarise = np.mean if rating.statistic == "mean" else np.median
             values = {name: float(summarise(each)) for name, each in numbers.items()}
             values = {"ended": played.ended / played.games, **values}
-            first = (_find(values, rating.number),) * 2
+            first = (find_by_name("number of the game (rating.number)", rating.number, values),) * 2
         row = row or {"score": first[0] * rating.times, "mean": first[1] * rating.times}
         row |= {f"{name}{mark}": value for name, value in values.items()}
     agent.epsilon = rating.epsilons[0]
     return row
-
-
-def _find(values: Mapping[str, float], number: str) -> float:
-    return find_by_name("number of the game (rating.number)", number, values)
 
 
 def read_looks(path: Path) -> list[Row]:

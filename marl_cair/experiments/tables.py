@@ -20,8 +20,7 @@ _LATEX = str.maketrans({mark: f"\\{mark}" for mark in "%_&#$"})
 def write_looks(plan: Plan, runs: Sequence[Run], path: Path) -> None:
     """One CSV row for each run and look."""
     rows: list[dict[str, object]] = [
-        {"task": run.task, **dict(zip(_factors(plan), run.kind, strict=True)), "seed": run.seed}
-        | dict(row)
+        {**_name(plan, run.task, run.kind), "seed": run.seed, **row}
         for run in runs
         for row in run.rows
     ]
@@ -50,12 +49,8 @@ def write_tables(
     return "\n".join([texts[0], *(text.partition("\n\n")[2] for text in texts[1:])])
 
 
-def _factors(plan: Plan) -> list[str]:
-    return list(plan.factors) or ["agent"]
-
-
 def _name(plan: Plan, task: str, kind: Sequence[str]) -> Line:
-    return {"task": task, **dict(zip(_factors(plan), kind, strict=True))}
+    return {"task": task, **dict(zip(plan.factors, kind, strict=True))}
 
 
 def _format_entry(plan: Plan, entry: Entry) -> Line:

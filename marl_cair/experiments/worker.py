@@ -21,7 +21,7 @@ from typing import Any
 
 from filelock import FileLock
 
-from marl_cair.experiments.cells import DONE_FILE, RUN, Cell, load_cell, make_scenario
+from marl_cair.experiments.cells import DONE_FILE, RUN, Cell, load_cell, make_scenario, require_best
 from marl_cair.experiments.looks import Looks, Row, read_overestimation
 from marl_cair.experiments.plan import BEST
 from marl_cair.files import write_atomically
@@ -100,6 +100,7 @@ def _train(looks: Looks, out: Path, report: Report) -> bool:
     if result.was_interrupted:
         return False
     if cell.rating.agent == BEST:  # saved by its evaluations
+        require_best(config, result.frames)
         agent = _load(str(out / BEST_FOLDER), cell)
         looks.drop_after(result.frames - 1)
         looks.add(agent, result.frames, result.processor_seconds)

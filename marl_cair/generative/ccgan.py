@@ -106,7 +106,7 @@ class CCGANGenerator(CCDNGenerator):
 
     def _draw(self, logits: Tensor, axis: int) -> Tensor:
         """A one-hot sample along `axis`, with the gradient of a softmax."""
-        uniform = torch.rand(logits.shape, generator=self._generators[TRAINING])
+        uniform = torch.rand(logits.shape, generator=self._generators[TRAINING]).to(logits.device)
         noise = -(-uniform.clamp_min(1e-20).log()).clamp_min(1e-20).log()
         soft = (logits + noise).softmax(axis)
         hard = torch.zeros_like(soft).scatter_(axis, soft.argmax(axis, keepdim=True), 1.0)

@@ -145,11 +145,13 @@ class CCDNGenerator:
 
     def _learn(self, rows: TensorDict, correction: Correction) -> dict[str, float]:
         network, optimizer = self.network, self.optimizer
+        rows = self._move(rows)
         others = _read_others(rows)
-        hidden = torch.rand(len(rows), generator=self._generators[TRAINING])
+        hidden = torch.rand(len(rows), generator=self._generators[TRAINING]).to(others.device)
         others[hidden < self.config.unknown_share] = UNKNOWN_ACTION
         units = [self._counts.reward_unit, self._counts.end_unit]
         network.outcome.reward_units.copy_(torch.tensor(units))
+        correction = correction._replace(weights=correction.weights.to(others.device))
         losses = self._compute_losses(rows, others, correction)
         total = torch.stack(list(losses.values())).sum()
         optimizer.zero_grad(set_to_none=True)
@@ -170,6 +172,10 @@ class CCDNGenerator:
         self, rows: TensorDict, others: Tensor, correction: Correction
     ) -> dict[str, Tensor]:
         return self.network.compute_losses(rows, others, *correction)
+
+    def _move(self, rows: TensorDict) -> TensorDict:
+        device = self.network.curve.device
+        return rows if device.type == "cpu" else rows.to(device, non_blocking=True)
 
     @torch.no_grad()
     def _average_weights(self) -> None:
@@ -193,13 +199,14 @@ class CCDNGenerator:
         return Imagined(*(torch.cat(part) for part in zip(*parts, strict=True)))
 
     def _imagine(self, rows: TensorDict, generator: torch.Generator | None) -> Imagined:
-        network = self.average
+        network, rows = self.average, self._move(rows)
         following, surety, outcome = network.decode(rows, _read_others(rows), generator)
         low, high = self.spec.reward_range
         mask = outcome.mask > 0.0
         mask[:, self.spec.noop_action] = True  # legal in every state
         reward = network.outcome.expect_reward(outcome).clamp(low, high)
-        return Imagined(following, mask, reward, outcome.end.sigmoid(), surety)
+        made = following, mask, reward, outcome.end.sigmoid(), surety
+        return Imagined(*(part.cpu() for part in made))
 
     def evaluate(self) -> GateReport:
         """Compute metrics on held-out rows: one half tunes the acceptance, the other tests it."""
@@ -334,9 +341,8 @@ class CCDNGenerator:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from `state_dict` with the same bits.
 
-        Raises ValueError if the state was saved with larger rings, or by an older version.
+        Raises ValueError if the state was saved with larger rings.
         """
-        _refuse_old(state)
         self._import_network(state["network"])
         self._counts.load_state_dict(state["counts"])
         for name in ("heldout", "rare_heldout", "rare"):
@@ -353,9 +359,8 @@ class CCDNGenerator:
     def import_knowledge(self, knowledge: dict[str, Any]) -> None:
         """Start from the network of `export_knowledge`; the gate stays shut until `evaluate`.
 
-        Raises ValueError if it is for other transitions, of another size, or of an older version.
+        Raises ValueError if it is for other transitions, or of another size.
         """
-        _refuse_old(knowledge)
         for name, own in _describe(self.spec, self.config).items():
             if knowledge.get(name) != own:
                 raise ValueError(f"its {name} is {knowledge.get(name)}, but this run's is {own}")
@@ -370,15 +375,7 @@ class CCDNGenerator:
 def _read_others(rows: TensorDict) -> Tensor:
     """A copy of the other seats' actions, int64 [N, O]; [N, 0] where there is no such column."""
     others = rows.get(OTHER_ACTIONS, None)
-    return torch.zeros(len(rows), 0, dtype=torch.int64) if others is None else others.clone()
-
-
-def _refuse_old(state: dict[str, Any]) -> None:
-    if "ensemble" in state:
-        raise ValueError(
-            "it was saved by an older version of marl_cair, with an ensemble of other networks: "
-            "train a new generator (initial_generator=null)"
-        )
+    return torch.zeros_like(rows["action"][:, None][:, :0]) if others is None else others.clone()
 
 
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from marl_cair.policies.capsule_layers import PartCapsules
 from marl_cair.policies.q_network import QNetwork
 
 DRAWS_PER_ROW = 3  # whether to explore, the group, the action
-CHUNK_ROWS = 128  # their activations stay in the cache of a CPU core
+CHUNK_ROWS, GPU_CHUNK_ROWS = 128, 2_048  # activations of 128 stay in the cache of a CPU core
 
 
 @torch.no_grad()
@@ -189,42 +189,44 @@ class PolicyActor:
         self.exploration.seed(seed)
 
     def compute_values(self, observation: Tensor) -> Tensor:
-        """Observation [N, *shape], any device -> values float32 [N, A] on the network's device.
+        """Observation [N, *shape] -> values float32 [N, A] on the CPU.
 
         Raises ValueError for a network with memory: use `step`.
         """
         return self.step(observation, torch.empty(len(observation), 0))[0]
 
     def step(self, observation: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        """One step of any network: values float32 [N, A] and the next state, on its device.
+        """One step of any network, on its device: values float32 [N, A] and the next state, on the
+        CPU.
 
         Args:
-            observation: [N, *shape], any device.
-            state: float32 [N, state_size], any device.
+            observation: [N, *shape].
+            state: float32 [N, state_size].
         """
         device = next(self.network.parameters()).device
+        num_rows = CHUNK_ROWS if device.type == "cpu" else GPU_CHUNK_ROWS
         values = torch.empty(len(observation), *self.network.values_shape, device=device)
         after = state.to(device, copy=True)
         with torch.inference_mode():
-            for start in range(0, len(observation), CHUNK_ROWS):
-                chunk = slice(start, start + CHUNK_ROWS)
-                seen = observation[chunk].to(device)
+            for start in range(0, len(observation), num_rows):
+                chunk = slice(start, start + num_rows)
+                seen = observation[chunk].to(device, non_blocking=True)
                 if self.state_size:
                     values[chunk], after[chunk] = self.network(seen, after[chunk])
                 else:
                     values[chunk] = self.network(seen)
-        return values, after
+        return values.cpu(), after.cpu()
 
     def select_actions(
         self, observation: Tensor, action_mask: Tensor, epsilon: float | Tensor | None = None
     ) -> Tensor:
-        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N] on the network's device.
+        """Observation [N, *shape], mask bool [N, A] -> actions int64 [N], all on the CPU.
 
         `epsilon` (a number or [N]) overrides the agent's own for this call.
         """
         values = self.compute_values(observation)
         chance = self.epsilon if epsilon is None else epsilon
-        return self.exploration(values, action_mask.to(values.device), chance)
+        return self.exploration(values, action_mask, chance)
 
     def act(
         self,
@@ -238,9 +240,8 @@ class PolicyActor:
         """
         before = torch.empty(len(observation), 0) if state is None else _view_tensor(state)
         values, after = self.step(_view_tensor(observation), before)
-        mask = _view_tensor(action_mask).to(values.device)
-        actions = self.exploration(values, mask, self.epsilon).cpu().numpy()
-        return (actions, after.cpu().numpy()) if self.state_size else actions
+        actions = self.exploration(values, _view_tensor(action_mask), self.epsilon).numpy()
+        return (actions, after.numpy()) if self.state_size else actions
 
     def values(
         self,
@@ -256,7 +257,7 @@ class PolicyActor:
         if state is None:
             state = np.zeros((len(observation), self.state_size), np.float32)
         found, _ = self.step(_view_tensor(observation), _view_tensor(state))
-        return np.where(action_mask, found.cpu().numpy(), np.float32(-np.inf))
+        return np.where(action_mask, found.numpy(), np.float32(-np.inf))
 
     def find_presences(self, observation: npt.NDArray[Any]) -> npt.NDArray[np.float32] | None:
         """Presences float32 [N, T, h, w] of the network's first part capsules in [N, *shape]; None

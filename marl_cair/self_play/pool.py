@@ -22,6 +22,8 @@ from marl_cair.self_play.win_rates import EVEN, Evidence, read_evidence
 from marl_cair.stored import INDEX, check_plain_name, read_json
 
 if TYPE_CHECKING:
+    import torch
+
     from marl_cair.policies.actor import PolicyActor
     from marl_cair.policies.q_network import QNetwork
 
@@ -65,6 +67,7 @@ class Pool:
         capacity: most snapshots in play; 1 or more, else raises ValueError.
         prior_games: even games that are added to each estimate of `payoff`.
         seat: in a league; snapshots are then players in its folder, and `folder` has the index.
+        device: of the snapshots' networks.
     """
 
     def __init__(
@@ -76,12 +79,13 @@ class Pool:
         capacity: int,
         prior_games: float = 2.0,
         seat: LeagueSeat | None = None,
+        device: torch.device | str = "cpu",
     ) -> None:
         if capacity < 1:
             raise ValueError(f"the pool's capacity is {capacity}, it must be 1 or more")
         self.folder = folder if seat is None else seat.folder / checkpoint.PLAYERS
         self.capacity, self.seat, self._index_folder = capacity, seat, folder
-        self._game, self._prior_games = game, prior_games
+        self._game, self._prior_games, self._device = game, prior_games, device
         self._representation = representation
         self._groups = game.make_spec(scenario).action_groups
         self._members: dict[int, Member] = {}
@@ -235,7 +239,7 @@ class Pool:
     def _load(self, name: str) -> PolicyActor:
         network, about = checkpoint.load_network(self.folder / name)
         network.requires_grad_(False)
-        return self._make_actor(network, about, name)
+        return self._make_actor(network.to(self._device), about, name)
 
     def _make_actor(self, network: QNetwork, about: AgentDescription, name: str) -> PolicyActor:
         from marl_cair.policies.actor import PolicyActor

@@ -25,11 +25,6 @@ _OPTIMIZERS: dict[str, Callable[..., torch.optim.Optimizer]] = {
     "rmsprop": torch.optim.RMSprop,
     "sgd": torch.optim.SGD,
 }
-# Prefixes of the networks' names in states of version 0.1.
-_OLD_NAMES = {
-    "network": "value_network_params.module.0.module.",
-    "target": "target_value_network_params.module.0.module.",
-}
 
 
 class DivergedError(ValueError):
@@ -42,7 +37,7 @@ class Learner:
     The loss is an entry of `LOSSES`. Neighbouring actions differ little in value, so a few updates
     can change the greedy policy; `average` is the exponential moving average of the weights (Polyak
     and Juditsky 1992), whose policy is steady. `behaviour` collects: the network, or another one
-    with the weights of `average`.
+    with the weights of `average`. All are on the device of `network`.
 
     Noisy layers have noise in network, target network and `behaviour`, from a generator with
     `seed`, and none in `average`.
@@ -84,14 +79,15 @@ class Learner:
         done: share of the run that is over, 0..1, for the learning rate.
         Raises DivergedError where loss or gradient are not finite.
         """
-        kind = self._parameters[0].device.type
-        with torch.autocast(kind, torch.bfloat16, enabled=self.settings.autocast):
-            result = self.loss(self.network, self.target, batch)
-        batch["td_error"] = result.td_error
+        device = self._parameters[0].device
+        rows = batch if device.type == "cpu" else batch.to(device, non_blocking=True)
+        with torch.autocast(device.type, torch.bfloat16, enabled=self.settings.autocast):
+            result = self.loss(self.network, self.target, rows)
+        rows["td_error"] = result.td_error
         loss: Tensor = result.loss
         values: dict[str, Tensor | float] = {"loss/all": loss.detach()}
         if self.demonstration.is_given:
-            margin_loss = self._find_margin_loss(batch, result.values)
+            margin_loss = self._find_margin_loss(rows, result.values)
             loss = loss + self.demonstration.margin_weight * margin_loss
             values["loss/margin"] = margin_loss.detach()
         self.optimizer.zero_grad(set_to_none=True)
@@ -106,7 +102,8 @@ class Learner:
         self.optimizer.step()
         self.updates += 1
         self._follow()
-        return {**values, "grad_norm": norm, **self._split(batch)}
+        batch["td_error"] = result.td_error.cpu()
+        return {**values, "grad_norm": norm, **self._split(rows)}
 
     @torch.no_grad()
     def _follow(self) -> None:
@@ -168,21 +165,8 @@ class Learner:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from `state_dict`. Raises ValueError for numbers that are not finite."""
-        if "loss" in state:
-            state = {**state, **_read_old_networks(state["loss"], self.network.state_dict())}
         for name, network in self._networks().items():
             restore_weights(network, state[name], f"learner.{name}")
         restore_optimizer(self.optimizer, state["optimizer"], "learner.optimizer")
         self.updates = read_number(state, "updates", COUNT)
-        if "noise" in state:  # missing in states of version 0.1
-            self.noise.set_state(state["noise"])
-
-
-def _read_old_networks(
-    saved: Mapping[str, Any], weights: Mapping[str, Any]
-) -> dict[str, dict[str, Any]]:
-    """Network and target network as version 0.1 stored them, by name; `weights` of one of them."""
-    return {
-        name: {key: saved[prefix + key] for key in weights if prefix + key in saved}
-        for name, prefix in _OLD_NAMES.items()
-    }
+        self.noise.set_state(state["noise"])

@@ -22,6 +22,7 @@ from marl_cair.memory import require_memory
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.initial_network import describe_rows, fit_policy
+from marl_cair.training.settings.checks import find_device
 from marl_cair.training.settings.config import TrainConfig
 
 _ENTRY_BYTES = 40  # of a step in replay, beside its observation and mask
@@ -42,9 +43,10 @@ def keep_freed_memory() -> None:
 
 
 def require_memory_of_run(config: TrainConfig) -> None:
-    """Raise NotEnoughMemoryError where a run needs more than this machine has; nothing is begun.
-    Raises ValueError for a network that cannot read the observation.
+    """Raise NotEnoughMemoryError or DeviceError where a run needs more than this machine has;
+    nothing is begun. Raises ValueError for a network that cannot read the observation.
     """
+    find_device(config.device)
     game, scenario = GAMES[config.game.name], config.game.played_scenario
     spec = game.make_spec(scenario)
     seen = spec.representations[config.game.representation]

@@ -35,13 +35,13 @@ class DoubleValues(NamedTuple):
 
     def choose(self, observation: Tensor, state: Tensor, action_mask: Tensor) -> Tensor:
         """The chooser's best legal actions int64 [K]; arguments as in `rate`."""
-        return masked_argmax(self.chooser.step(observation, state)[0].cpu(), action_mask)
+        return masked_argmax(self.chooser.step(observation, state)[0], action_mask)
 
     def judge_actions(
         self, observation: Tensor, state: Tensor, action_mask: Tensor, *actions: Tensor
     ) -> list[Tensor]:
         """The judge's values float32 [K] of each of `actions` int64 [K]; the rest as in `rate`."""
-        values = self.judge.step(observation, state)[0].cpu()
+        values = self.judge.step(observation, state)[0]
         return [find_values(values, one, action_mask if one.ndim > 1 else None) for one in actions]
 
 

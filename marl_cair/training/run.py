@@ -48,6 +48,7 @@ from marl_cair.training.initial_network import (
 from marl_cair.training.learner import Learner
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings import config_file
+from marl_cair.training.settings.checks import find_device
 from marl_cair.training.settings.config import TrainConfig
 
 BEST_FOLDER = "best"
@@ -71,6 +72,7 @@ class TrainingRun:
         NotEnoughSpaceError: the disk cannot hold the run's state.
         CheckpointError: the state to resume from cannot be read.
         ValueError: the generator cannot work on the representation.
+        DeviceError: this machine does not have `config.device`.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class TrainingRun:
         seat: LeagueSeat | None = None,
         load: Load = load_agent,
     ) -> None:
+        self.device = find_device(config.device)
         config.check_algorithm()
         self.config, self.seat = config, seat
         self.folder = Path(config.out)
@@ -138,7 +141,7 @@ class TrainingRun:
         played, demonstration = (self.game, self.scenario), self.config.demonstration
         self.demonstrators = Demonstrators(demonstration, *played, worlds, self._seeds[9])
         kept = opponent.pool_capacity, opponent.prior_games
-        pool = Pool(folder, *played, game.representation, *kept, self.seat)
+        pool = Pool(folder, *played, game.representation, *kept, self.seat, self.device)
         self.book = OpponentBook(opponent, *played, pool, self._seeds[6], self.seat, load)
         others = self.demonstrators.representations | self.book.representations
         memory.require_memory_of_games(self.config, *played)
@@ -189,6 +192,7 @@ class TrainingRun:
         """Make the generator, if there is one; it begins with the weights of the run `source`."""
         make = generators.make_generator
         self.generator = make(self.config, self.seen, self.spec, self._seeds[3], source)
+        generators.move_generator(self.generator, self.device)
 
     def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:
         advice = f"resume it with `marl-cair train resume={self.folder}`"
@@ -204,6 +208,7 @@ class TrainingRun:
         wanted = (self.game.name, seen, shape, num_actions)
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
         exploration = make_exploration(config.exploration, self.spec.action_groups)
+        network = network.to(self.device)
         self.learner = Learner(network, config.learner, config.demonstration, seeds[16])
         random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration
         self.actor = PolicyActor(self.learner.behaviour, "learner", seen, random)
@@ -212,6 +217,7 @@ class TrainingRun:
         self.own, self.average_policy = OwnPolicies(self.actor, exploration), None
         if config.nfsp.enabled:
             network = make_q_network(self.policy, shape, num_actions, seed=seeds[10])
+            network = network.to(self.device)
             rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, seeds[11])
             self.average_policy = AveragePolicy(network, config.nfsp, rows)
             if config.nfsp.plays_average:
@@ -348,22 +354,18 @@ class TrainingRun:
 
     def _import_state(self, state: Any, folder: Path) -> None:
         self.frames = read_number(state, "frames", COUNT)
-        if "processor_seconds" in state:  # missing in states of version 0.1
-            self.processor_seconds = read_number(state, "processor_seconds", WEIGHT)
+        self.processor_seconds = read_number(state, "processor_seconds", WEIGHT)
         self.best_score = read_number(state, "best_score", _SCORES)
-        before = state.get("trained_before", (0, 0))  # missing in states of older versions
-        frames, updates = read_numbers(before, "trained_before", COUNT)
+        frames, updates = read_numbers(state["trained_before"], "trained_before", COUNT)
         self._trained_before = frames, updates
         # An agent that is better than any before the state was saved is on disk all the same.
         kept = self.folder / BEST_SCORE_FILE
         if kept.is_file():
-            best = read_json(kept)  # older versions wrote a number alone
-            best = best if isinstance(best, dict) else {"score": best}
-            self.best_score = max(self.best_score, float(read_number(best, "score", _SCORES)))
+            best = read_number(read_json(kept), "score", _SCORES)
+            self.best_score = max(self.best_score, float(best))
         self.gate_is_open = read_number(state, "gate_is_open", FLAG)
-        if "generator_is_on" in state:  # missing in states of version 0.1
-            self.generator_is_on = read_number(state, "generator_is_on", FLAG)
-            self.generator_failures = read_number(state, "generator_failures", COUNT)
+        self.generator_is_on = read_number(state, "generator_is_on", FLAG)
+        self.generator_failures = read_number(state, "generator_failures", COUNT)
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"])
         # Snapshots from after this state was saved do not count.
@@ -387,8 +389,7 @@ class TrainingRun:
         # TorchRL's collector does not save the running games: it would start new ones.
         self.collector._carrier.update(self.env.current())
         torch.set_rng_state(state["torch_rng"])
-        if "shuffling" in state:  # missing in states of version 0.1
-            self.shuffling.set_state(state["shuffling"])
+        self.shuffling.set_state(state["shuffling"])
 
     def close(self) -> None:
         """Shut the collector and the log, and release the folder."""

@@ -3,6 +3,7 @@
 import dataclasses
 
 import pytest
+import torch
 
 from marl_cair.experiments.cells import find_shortage, load_cell, name_agent
 from marl_cair.training.settings.config import ENDLESS_FRAMES
@@ -60,6 +61,15 @@ def test_a_cell_that_was_begun_is_not_composed_again(tmp_path):
             | {"words": WORDS[2:4], "tasks": {"war": {"words": ["game=deep_line_wars"]}}},
             "rating.bots is .* one or more bots: random",
         ),
+        (
+            {"tasks": change_task(rating={"agent": "best"})},
+            r"maze-dqn .* rating.agent is 'best', .*every_frames \(100,000\) .* in 512 steps",
+        ),
+        (
+            {"words": ["game=deep_line_wars", "evaluation.bots=[]", "evaluation.every_frames=64"]}
+            | {"tasks": {"war": {"rating": {"bots": ["random"], "agent": "best"}}}},
+            "war-dqn cannot be run: rating.agent is 'best', .* or set evaluation.bots",
+        ),
     ],
 )
 def test_a_cell_that_cannot_be_run_is_named(changes, message):
@@ -88,6 +98,12 @@ def test_a_plan_without_frames_keeps_those_of_recipes_and_scales_them():
     assert (own.config.total_frames, none.config.total_frames) == (8_000, ENDLESS_FRAMES)
     assert own.config.exploration.anneal_frames == 100
     assert own.find_share(4_000, 3.0) == pytest.approx(0.5)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_cell_on_a_gpu_that_is_missing_says_so():
+    cell, *_ = list_cells(make_plan(words=[*WORDS, "device=cuda"]))
+    assert "device is 'cuda', but PyTorch" in find_shortage(cell)
 
 
 def test_a_cell_that_this_machine_cannot_hold_says_why():

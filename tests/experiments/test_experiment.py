@@ -110,6 +110,14 @@ def test_a_cell_without_looks_is_rated_at_its_end_by_its_best_agent(tmp_path):
     assert row["frames"] == "512"
 
 
+def test_a_cell_that_ended_before_its_first_evaluation_has_no_best_agent(tmp_path):
+    rated = {"tasks": change_task(rating={"games": 4, "agent": "best"}), "looks": {}}
+    words = [*TINY["words"], "evaluation.every_frames=100_000_000"]
+    folder = prepare(tmp_path, words=words, budget={"seconds": 0.1}, **rated)
+    with pytest.raises(ValueError, match=r"rating.agent is 'best', .* \(100,000,000\) to evaluate"):
+        run_here(folder)
+
+
 def test_a_budget_in_seconds_ends_a_cell(tmp_path):
     folder = prepare(tmp_path, budget={"seconds": 0.5}, looks={"seconds": 0.2})
     assert run_here(folder)

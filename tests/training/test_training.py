@@ -30,7 +30,7 @@ from marl_cair.training.settings.config import (
     ReplaySettings,
     TrainConfig,
 )
-from marl_cair.training.settings.config_file import build_config, load_config
+from marl_cair.training.settings.config_file import load_config
 from marl_cair.training.settings.learner import LearnerSettings
 from tests.damage import forget_checksums
 from tests.training import runs
@@ -251,12 +251,6 @@ def test_the_log_holds_losses_action_shares_and_the_speed_of_each_sitting(finish
         (lambda: OpponentSettings({}), "one or more weights"),
         (lambda: OpponentSettings({"random": -1.0}), "it must be 0 or more"),
         (lambda: TrainConfig(opponent=OpponentSettings({"conter": 1.0})), "nearest are 'counter'"),
-        (lambda: opposed(mixture={"pool": 1.0}), "opponent.mixture is 'pool', .* 'uniform' now"),
-        (
-            lambda: opposed(warmup_mixture={"scripted": 1}),
-            "is 'scripted', .* 'bots' now",
-        ),
-        (lambda: build_config({"opponent": {"pool_recency": 3.0}}), "called opponent.recency now"),
         (lambda: LearnerSettings(gamma=1.5), "learner.gamma is 1.5"),
         (lambda: LearnerSettings(target="sof"), "nearest are 'soft'"),
         (lambda: ReplaySettings(10, min_transitions=20), "it must be 20 or more"),

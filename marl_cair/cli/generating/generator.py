@@ -114,9 +114,8 @@ def make_parser() -> Parser:
     ):
         text = f"{meaning} (default: %(default)s)"
         parser.add_argument(f"--{name}", type=int, default=default, help=text)
-    parser.add_argument(
-        "--device", default="cpu", help="of ccdn_thesis: cpu or cuda (default: cpu)"
-    )
+    help_text = "of the network: cpu, cuda or cuda:N (default: %(default)s)"
+    parser.add_argument("--device", default="cpu", help=help_text)
     parser.add_argument(
         "--set",
         dest="fields",

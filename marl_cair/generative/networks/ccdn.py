@@ -310,7 +310,7 @@ class CCDN(nn.Module):
         self, rows: TensorDict, others: Tensor, generator: torch.Generator | None
     ) -> tuple[Tensor, Tensor, Outcome]:
         """Next observations of `rows`, sampled, or the likeliest if `generator` is None; the log
-        probabilities [N] of the likeliest; and the outcome. On a CPU.
+        probabilities [N] of the likeliest; and the outcome. `generator` is on the CPU.
         """
         observation = rows["observation"]
         encoding = self.encode(observation, rows["action"], others)
@@ -322,7 +322,7 @@ class CCDN(nn.Module):
             logits = self.edit_scalars(sequel.context)
             edited = logits > 0.0
             if generator is not None:
-                edited = torch.rand(logits.shape, generator=generator) < logits.sigmoid()
+                edited = torch.rand(logits.shape, generator=generator).to(logits) < logits.sigmoid()
             surety += functional.logsigmoid(logits.abs()).sum(1)
             scalars = self._edit(sequel.context, edited, encoding.scalars, surety, generator)
             following[:, self.spec.num_spatial :] = scalars[:, :, None, None]
@@ -364,7 +364,9 @@ class CCDN(nn.Module):
         top, difference = log_prob.max(1)
         surety.index_add_(0, edited.nonzero()[:, 0], top)
         if generator is not None:
-            difference = torch.multinomial(log_prob.exp(), 1, generator=generator)[:, 0]
+            difference = torch.multinomial(log_prob.exp().cpu(), 1, generator=generator)[:, 0]
         values = base.clone()
-        values[edited] = ((base[edited].long() + difference) % NUM_VALUES).to(torch.uint8)
+        values[edited] = ((base[edited].long() + difference.to(base.device)) % NUM_VALUES).to(
+            torch.uint8
+        )
         return values

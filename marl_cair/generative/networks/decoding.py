@@ -34,19 +34,19 @@ def decode_board(
     are drawn over the whole board at even distances (systematic sampling): of ten cells with a
     chance of 1/10 each exactly one changes, in all planes of a layer.
     """
-    planes = planes.contiguous()
+    device, planes = planes.device, planes.contiguous().cpu()
     base, edited = torch.empty_like(planes), torch.zeros_like(planes, dtype=torch.bool)
     surety = torch.zeros(len(planes))
     _decode(
-        logits.permute(0, 2, 3, 1).contiguous().numpy(),
-        of_boards.contiguous().numpy(),
+        logits.permute(0, 2, 3, 1).contiguous().cpu().numpy(),
+        of_boards.contiguous().cpu().numpy(),
         planes.numpy(),
-        layer_of.numpy(),
+        layer_of.cpu().numpy(),
         np.array(shifts, np.int64).reshape(-1, 2),
         np.empty((len(planes), 0), np.float32) if offsets is None else offsets.numpy(),
         (base.numpy(), edited.numpy(), surety.numpy()),
     )
-    return base, edited, surety
+    return base.to(device), edited.to(device), surety.to(device)
 
 
 @njit(cache=True, nogil=True)

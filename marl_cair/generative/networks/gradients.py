@@ -1,7 +1,7 @@
 """Compiled passes over cells with gradients: curves of values, and how likely the next board is.
 
 On a CPU PyTorch takes several times as long: it passes a dozen times over all sources of all cells,
-although most cells and their neighbours are empty.
+although most cells and their neighbours are empty. Boards of a GPU are scored on the CPU.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ def apply_curves(planes: Tensor, curve: Tensor) -> Tensor:
 
     curve: float32 [S * 256], the values of plane 0, then those of plane 1, ...
     """
+    if planes.device.type != "cpu":
+        first = torch.arange(planes.shape[1], device=planes.device)[:, None, None] * 256
+        return curve[planes.long() + first]
     values: Tensor = _Curves.apply(planes.contiguous(), curve)  # type: ignore[no-untyped-call]
     return values
 
@@ -31,40 +34,37 @@ class _Curves(Function):
     @staticmethod
     def forward(ctx: Any, planes: Tensor, curve: Tensor) -> Tensor:
         ctx.save_for_backward(planes)
-        num, channels, rows, columns = planes.shape
-        values = torch.empty(num, rows, columns, channels)
-        _look_up(planes.numpy(), curve.numpy(), values.numpy())
-        return values.permute(0, 3, 1, 2)
+        values = torch.empty_like(planes, dtype=torch.float32, memory_format=torch.channels_last)
+        cells = values.permute(0, 2, 3, 1).flatten(1, 2)
+        _look_up(planes.flatten(2).numpy(), curve.numpy(), cells.numpy())
+        return values
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[None, Tensor]:
         (planes,) = ctx.saved_tensors
         of_curve = torch.zeros(planes.shape[1] * 256)
-        _sum_up(planes.numpy(), grad.permute(0, 2, 3, 1).contiguous().numpy(), of_curve.numpy())
+        cells = grad.permute(0, 2, 3, 1).contiguous().flatten(1, 2)
+        _sum_up(planes.flatten(2).numpy(), cells.numpy(), of_curve.numpy())
         return None, of_curve
 
 
 @njit(cache=True, nogil=True)
 def _look_up(planes: Any, curve: Any, values: Any) -> None:
-    num, channels, rows, columns = planes.shape
-    for image in range(num):
-        for plane in range(channels):
-            for row in range(rows):
-                for column in range(columns):
-                    place = plane * 256 + planes[image, plane, row, column]
-                    values[image, row, column, plane] = curve[place]
+    for image in range(planes.shape[0]):
+        for plane in range(planes.shape[1]):
+            for cell in range(planes.shape[2]):
+                place = plane * 256 + planes[image, plane, cell]
+                values[image, cell, plane] = curve[place]
 
 
 @njit(cache=True, nogil=True)
 def _sum_up(planes: Any, grad: Any, of_curve: Any) -> None:
-    num, channels, rows, columns = planes.shape
-    for image in range(num):
-        for plane in range(channels):
-            for row in range(rows):
-                for column in range(columns):
-                    place = plane * 256 + planes[image, plane, row, column]
-                    of_curve[place] += grad[image, row, column, plane]
+    for image in range(planes.shape[0]):
+        for plane in range(planes.shape[1]):
+            for cell in range(planes.shape[2]):
+                place = plane * 256 + planes[image, plane, cell]
+                of_curve[place] += grad[image, cell, plane]
 
 
 def score_board(
@@ -80,10 +80,11 @@ def score_board(
     The sources that explain the most planes of a layer count together, and the likeliest of them
     gives the base. Arguments are as in `decoding.decode_board`; later: uint8 like `planes`.
     """
-    scored: tuple[Tensor, Tensor, Tensor] = _Score.apply(  # type: ignore[no-untyped-call]
-        logits, planes.contiguous(), later.contiguous(), layer_of, shifts
+    boards = (part.contiguous().cpu() for part in (planes, later))
+    nll, base, edited = _Score.apply(  # type: ignore[no-untyped-call]
+        logits.cpu(), *boards, layer_of.cpu(), shifts
     )
-    return scored
+    return nll.to(logits.device), base.to(logits.device), edited.to(logits.device)
 
 
 class _Score(Function):

@@ -54,6 +54,8 @@ class AveragePolicy:
 
     def update(self, batch: TensorDict) -> dict[str, Tensor | float]:
         """One gradient step on the cross-entropy of the actions; returns scalars for the log."""
+        device = next(self.network.parameters()).device
+        batch = batch if device.type == "cpu" else batch.to(device, non_blocking=True)
         logits = self.network(batch["observation"])
         legal = logits.masked_fill(~batch["action_mask"], -torch.inf)
         loss = torch.nn.functional.cross_entropy(legal, batch["action"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +20,7 @@ from marl_cair.replay.transition import (
     NO_OPPONENT,
     OTHER_ACTIONS,
 )
+from marl_cair.training.collecting.recorded import list_differences
 
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
@@ -67,16 +67,9 @@ def _check_game(
             f"the data set {source} is of {' '.join(held)}, this run of {' '.join(wanted)}: "
             "collect another one, or change the run"
         )
-    fields = restore_fields(about.scenario_options)
-    own = {one.name: getattr(scenario, one.name) for one in dataclasses.fields(scenario)}
-    differing = [
-        f"{name} is {fields.get(name)!r} there, {value!r} in this run"
-        for name, value in own.items()
-        if fields.get(name) != value
-    ]
-    if differing:
+    if differing := list_differences(restore_fields(about.scenario_options), scenario):
         raise ValueError(
-            f"the data set {source} is of another scenario: {'; '.join(differing)}. Collect it "
+            f"the data set {source} is of another scenario: {differing}. Collect it "
             "with --set, or change game.options, game.reward or learner.gamma (shaping_discount)"
         )
 

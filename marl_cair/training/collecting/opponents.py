@@ -245,8 +245,7 @@ class OpponentBook:
         self.pool.load_state_dict(state["pool"])
         self.records.load_state_dict(state["records"])
         self._since_snapshot.load_state_dict(state["since_snapshot"])
-        bets = state.get("bets", {"log_wealth": {}})  # none in states of older versions
-        self._bets.load_state_dict(bets)
+        self._bets.load_state_dict(state["bets"])
         numbers = read_numbers(state["numbers"], "numbers", OPPONENT)
         self.pool.require_members({*numbers} - {LATEST_ID})
         shares = read_numbers(state["probabilities"], "probabilities", WEIGHT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,18 +77,20 @@ def _fit_scenario(path: Path, replay: Replay, engine: BatchedEngine) -> Replay:
     """The replay with the rewards of the engine's scenario, without hashes: they hold rewards."""
     if replay.game != engine.game.name:
         raise ValueError(f"{path} is a game of {replay.game}, the run plays {engine.game.name}")
-    differing = [
-        f"{one.name} is {getattr(replay.scenario, one.name)!r} there, "
-        f"{getattr(engine.scenario, one.name)!r} in this run"
-        for one in dataclasses.fields(engine.scenario)
-        if one.name not in _REWARD_FIELDS
-        and getattr(replay.scenario, one.name) != getattr(engine.scenario, one.name)
-    ]
-    if differing:
-        raise ValueError(f"{path} is a game of another scenario: {'; '.join(differing)}")
+    if differing := list_differences(vars(replay.scenario), engine.scenario, _REWARD_FIELDS):
+        raise ValueError(f"{path} is a game of another scenario: {differing}")
     for _ in replay_steps(replay):
         pass  # raises where the game differs from the recorded one
     return dataclasses.replace(replay, scenario=engine.scenario, hashes={})
+
+
+def list_differences(theirs: Mapping[str, Any], scenario: Any, skipped: Sequence[str] = ()) -> str:
+    """The fields of `theirs` that are not those of the run's scenario, in words; "" if none is."""
+    return "; ".join(
+        f"{name} is {theirs.get(name)!r} there, {value!r} in this run"
+        for name, value in vars(scenario).items()
+        if name not in skipped and theirs.get(name) != value
+    )
 
 
 def _find_seats(replay: Replay, players: tuple[str, ...]) -> list[int]:

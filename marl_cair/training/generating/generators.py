@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
 from marl_cair.files import atomic_path
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.codecs import FrameCodec, VectorCodec, make_coded_generator
-from marl_cair.generative.generator import Generator
+from marl_cair.generative.generator import CCDNGenerator, Generator
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.generative.thesis import ThesisGenerator
 from marl_cair.outside import OutsideCodeError
@@ -49,6 +51,14 @@ def make_generator(
     if source is not None:
         load_knowledge(generator, source)
     return generator
+
+
+def move_generator(generator: Generator | None, device: torch.device) -> None:
+    """Let it compute on `device`, with rows from and for the CPU; one from outside stays there."""
+    own = getattr(generator, "generator", generator)  # behind a codec
+    for part in vars(own).values() if isinstance(own, CCDNGenerator | ThesisGenerator) else ():
+        if isinstance(part, torch.nn.Module):
+            part.to(device)
 
 
 def count_others(config: TrainConfig, spec: GameSpec) -> int:

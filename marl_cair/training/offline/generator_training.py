@@ -20,7 +20,6 @@ from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import quality
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
-from marl_cair.generative.thesis import ThesisGenerator
 from marl_cair.replay.dataset import (
     DatasetDescription,
     TransitionDataset,
@@ -35,9 +34,14 @@ from marl_cair.replay.transition import (
     NO_OPPONENT,
     OPPONENT,
 )
-from marl_cair.training.generating.generators import GENERATOR_FILE, make_for_game
+from marl_cair.training.generating.generators import (
+    GENERATOR_FILE,
+    make_for_game,
+    move_generator,
+)
 from marl_cair.training.generating.picture import draw_losses, draw_progress
 from marl_cair.training.run_log import format_rows
+from marl_cair.training.settings.checks import find_device
 from marl_cair.training.settings.config_file import build_value
 
 KIND = "generator training"
@@ -106,9 +110,10 @@ def train_generator(
 
     Writes to `out`: the weights (`generator.pt`, for `initial_generator`), losses and numbers as
     CSV, and pictures of predictions and losses.
-    Raises as `load_dataset` and `describe_game`; ValueError for a generator that does not work on
-    the data, FloatingPointError for a loss that is not finite.
+    Raises as `load_dataset`, `describe_game` and `find_device`; ValueError for a generator that
+    does not work on the data, FloatingPointError for a loss that is not finite.
     """
+    where = find_device(device)
     data = load_dataset(source)
     spec, seen = describe_game(data.about)
     others = data.about.num_players - 1
@@ -121,14 +126,10 @@ def train_generator(
             f"{settings.model} has no method `imagine(rows) -> Imagined`, which predicts without a "
             "gate: it cannot be measured (see marl_cair.generative.quality)"
         )
-    if device != "cpu" and not isinstance(generator, ThesisGenerator):
-        raise ValueError(
-            f"device is {device!r}, but {settings.model} trains on the CPU: leave it out, or take "
-            "ccdn_thesis"
-        )
+    move_generator(generator, where)
     marked = {"dataset": str(source), **asdict(settings)}
     with files.claim_output_folder(folder, KIND, marked, resume=True):  # the same begins again
-        yield from _Training(data, generator, seen, spec, settings, folder, device).run()
+        yield from _Training(data, generator, seen, spec, settings, folder).run()
 
 
 def read_training(folder: Path) -> tuple[DatasetDescription, GeneratorTraining]:
@@ -151,14 +152,11 @@ class _Training:
         spec: GameSpec,
         settings: GeneratorTraining,
         folder: Path,
-        device: str,
     ) -> None:
         self.data, self.generator, self.seen, self.spec = data, generator, seen, spec
         self.settings, self.folder = settings, folder
         self.about: GeneratorSpec = cast(Any, generator).spec
         self.imagine: quality.Imagine = cast(Any, generator).imagine
-        if device != "cpu":
-            cast(Any, generator).network.to(device)
         self.random = torch.Generator().manual_seed(settings.seed)
         chosen = torch.randperm(len(data.heldout), generator=self.random)
         self.heldout = data.heldout[chosen[: settings.measured_rows]]

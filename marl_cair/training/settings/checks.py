@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 import typing
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+if TYPE_CHECKING:
+    import torch
 
 MAX_THREADS = 1024  # each takes memory of its own
 
@@ -27,12 +31,37 @@ Positive = Annotated[float, Allowed(lambda x: 0 < x < math.inf, "above 0")]
 Share = Annotated[float, Allowed(lambda x: 0 <= x <= 1, "in 0..1")]
 ShareAboveZero = Annotated[float, Allowed(lambda x: 0 < x <= 1, "above 0, at most 1")]
 ShareBelowOne = Annotated[float, Allowed(lambda x: 0 <= x < 1, "0 or more, below 1")]
+Device = Annotated[str, Allowed(lambda d: bool(_DEVICE.fullmatch(d)), "cpu, cuda or cuda:N")]
+_DEVICE = re.compile(r"cpu|cuda(:\d\d?)?")
+
+
+class DeviceError(ValueError):
+    """A device that this machine does not have."""
 
 
 def require(holds: bool, name: str, value: object, allowed: str) -> None:
     """Raise ValueError that names the setting, its value and what is allowed."""
     if not holds:
         raise ValueError(f"{name} is {value!r}, it must be {allowed}")
+
+
+def find_device(name: str) -> torch.device:
+    """The device of that name. Raises ValueError for another name, DeviceError for a GPU that is
+    not there.
+    """
+    import torch
+
+    require(bool(_DEVICE.fullmatch(name)), "device", name, "cpu, cuda or cuda:N")
+    count = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if name == "cpu" or int(name.partition(":")[2] or 0) < count:
+        return torch.device(name)
+    fix = f"take cpu or cuda:0..{count - 1}"
+    if not count:
+        fix = "take cpu, or install a driver (see nvidia-smi) and a PyTorch with CUDA (pytorch.org)"
+    raise DeviceError(
+        f"device is {name!r}, but PyTorch {torch.__version__} finds {count} GPUs here "
+        f"(torch.cuda.is_available() is {torch.cuda.is_available()}): {fix}"
+    )
 
 
 def require_once(name: str, values: Sequence[object]) -> None:

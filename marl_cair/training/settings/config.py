@@ -23,6 +23,7 @@ from marl_cair.self_play.samplers import SAMPLERS
 from marl_cair.training.settings.checks import (
     Allowed,
     Count,
+    Device,
     Natural,
     NonNegative,
     Positive,
@@ -47,9 +48,6 @@ from marl_cair.training.settings.offline import OfflineSettings
 # Half the newest policy, half older ones, after AlphaStar and OpenAI Five. It is not shown to be
 # the best mixture: `marl-cair experiment opponents` compares.
 SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
-# Names in runs of older versions.
-RENAMED_OPPONENTS = {"pool": "uniform", "scripted": "bots"}
-RENAMED_OPTIONS = {"opponent.pool_recency": "opponent.recency"}
 NO_GENERATOR = "none"
 GAMES_FOLDER = "games"  # in a run's folder: replays of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
@@ -148,11 +146,8 @@ class OpponentSettings:
         for name in self.agents:
             allowed = f"another name than the game's bots have: {', '.join(bots)}"
             require(name not in bots, "opponent.agents", name, allowed)
-        for place, mixture in (("mixture", self.mixture), ("warmup_mixture", self.warmup_mixture)):
-            for name in mixture:
-                renamed = RENAMED_OPPONENTS.get(name)
-                require(renamed is None, f"opponent.{place}", name, f"called {renamed!r} now")
-                check_name("opponent", name, bots, self.agents, SAMPLERS)
+        for name in (*self.mixture, *self.warmup_mixture):
+            check_name("opponent", name, bots, self.agents, SAMPLERS)
 
 
 @dataclass(frozen=True)
@@ -266,6 +261,7 @@ class TrainConfig:
     synthetic_fraction: Share = 0.2  # generated share of each batch, 0..0.9; offline up to 1
     initial_agent: str | None = None  # folder of one whose network begins; None: a new one
     initial_generator: str | None = None  # folder of a run whose generator begins; None: a new one
+    device: Device = "cpu"  # of the networks: cpu, cuda or cuda:N; bits differ between devices
     torch_threads: Threads | None = None  # None: as torch chooses; fixed numbers give equal bits
     game: GameSettings = field(default_factory=GameSettings)
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)

@@ -21,11 +21,12 @@ from marl_cair.lookup import check_name, find_by_name
 from marl_cair.outside import is_place
 from marl_cair.stored import DamagedFileError, read_settings, sign_settings
 from marl_cair.training.settings.checks import require
-from marl_cair.training.settings.config import RENAMED_OPTIONS, GameSettings, TrainConfig
+from marl_cair.training.settings.config import GameSettings, TrainConfig
 
 CONFIG_FILE = "config.yaml"
-# Limits of a run, with their types; a resumed run may have others.
-ENDS = {"total_frames": int, "max_minutes": float | None, "stop_score": float | None}
+# Options that a resumed run may change, with their types: its limits, and the device.
+CHANGEABLE: dict[str, Any] = {"max_minutes": float | None, "stop_score": float | None}
+CHANGEABLE |= {"total_frames": int, "device": str}
 
 
 def save_config(config: TrainConfig) -> None:
@@ -61,9 +62,9 @@ def read_yaml(path: str | os.PathLike[str]) -> Any:
 
 
 def fixed_settings(config: TrainConfig) -> dict[str, Any]:
-    """The settings that a resumed run must share: all but its limits, folder and beginnings."""
+    """The settings that a resumed run must share: all but folder, beginnings and `CHANGEABLE`."""
     values = dataclasses.asdict(config)
-    for free in ("out", *ENDS, "initial_agent", "initial_generator"):
+    for free in ("out", *CHANGEABLE, "initial_agent", "initial_generator"):
         del values[free]
     return values
 
@@ -139,12 +140,6 @@ def build_value(kind: Any, value: Any, path: str = "") -> Any:
 def _build_group(kind: Any, values: Mapping[str, Any], inside: str) -> Any:
     hints = typing.get_type_hints(kind)
     for name in values:
-        path = f"{inside}{name}"
-        if path in RENAMED_OPTIONS:
-            raise ValueError(
-                f"{path} is called {RENAMED_OPTIONS[path]} now; a run of an older marl_cair cannot "
-                "be resumed, but its agents still play"
-            )
         check_name("option", name, hints)
     built = {name: build_value(hints[name], values[name], inside + name) for name in values}
     if kind is GameSettings:

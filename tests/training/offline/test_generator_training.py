@@ -16,6 +16,7 @@ from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.replay import load_dataset
 from marl_cair.training.generating.generators import check_generator, make_generator
 from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
+from marl_cair.training.settings.checks import DeviceError
 from tests.training.offline.datasets import LINE_WARS, collect
 
 SMALL = GeneratorConfig(size=NetworkSize(channels=4, depth=1, hidden=8))
@@ -120,9 +121,10 @@ def test_other_settings_do_not_replace_results(folder, tmp_path):
         next(train_generator(folder, tmp_path / "run", dataclasses.replace(settings, updates=2)))
 
 
-def test_ccdn_trains_on_the_processor_only(folder, tmp_path):
-    with pytest.raises(ValueError, match="device is 'cuda', but ccdn trains on the CPU"):
-        next(train_generator(folder, tmp_path / "run", GeneratorTraining(config=SMALL), "cuda"))
+def test_a_missing_gpu_is_refused_before_the_data_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(DeviceError, match="device is 'cuda', .* finds 0 GPUs"):
+        next(train_generator(tmp_path / "none", tmp_path / "run", GeneratorTraining(), "cuda"))
 
 
 def test_the_thesis_generator_has_returns_of_one_step_only():

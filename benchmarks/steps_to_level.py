@@ -1,6 +1,6 @@
 """Compare how many environment steps choices of a plan need to a level, against a control.
 
-python -m benchmarks.steps_to_level runs/synthetic/looks.csv [more.csv ...] --factor data
+python -m benchmarks.steps_to_level LOOKS.csv [MORE.csv ...] --factor data
     --controls real real_twice [--share 0.9]
 The level of a task is `--share` of the score of its best control over the last third of the
 steps (a mean over seeds). A run has it at the first of two looks in a row at or above it; one that

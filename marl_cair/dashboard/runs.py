@@ -13,6 +13,7 @@ from marl_cair.training.settings.config import GAMES_FOLDER
 from marl_cair.training.settings.config_file import CONFIG_FILE, read_yaml
 
 FILES = {  # kind: folder inside of the run's, and ends of names
+    "settings": ("", (".yaml",)),  # change when a run is resumed
     "log": ("", (".csv",)),
     "pictures": ("", (".png", ".gif")),
     "games": (GAMES_FOLDER, (REPLAY_SUFFIX,)),  # of the last evaluation

@@ -210,7 +210,9 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
 def require_best(config: TrainConfig, frames: int) -> None:
     """Raise ValueError if no evaluation of a run of `frames` steps chooses a best agent."""
     every, bots = config.evaluation.every_frames, config.evaluation.bots
-    chooses = every <= frames and (bool(bots) or config.game.spec.num_teams == 1)
+    batch = config.collector.num_worlds * config.collector.steps_per_batch
+    last = -(-frames // batch) * batch  # a run ends with a whole batch
+    chooses = every <= last and (bool(bots) or config.game.spec.num_teams == 1)
     allowed = f"latest, or set evaluation.bots ({', '.join(bots)}) and evaluation.every_frames "
     require(chooses, "rating.agent", BEST, f"{allowed}({every:,}) to evaluate in {frames:,} steps")
 

@@ -76,7 +76,7 @@ def test_a_recorded_game_is_valued_from_a_seat(agent, tmp_path, seat):
     path, loaded = tmp_path / "a.replay", load_agent(agent)
     options = {"game": "deep_line_wars", "scenario": SCENARIO, "bots": ("random", "rusher")}
     replay = record(path, steps=300, **options)
-    explained = explain_game(loaded, replay, "sparse", seat, every=1, scale=0.5)
+    explained = explain_game(loaded, replay, {"reward": "sparse"}, seat, every=1, scale=0.5)
     masks = [engine.action_mask()[0, seat] for engine in replay_steps(replay)]
     assert (explained.played == replay.actions[:, seat]).all()
     assert (explained.action_mask == masks[:-1]).all()
@@ -95,7 +95,7 @@ def test_a_game_of_the_window_is_discounted_by_ticks(agent, tmp_path, capsys):
     words = ["explain", agent, "--replay", str(path), "--seat", "1", "--gamma", "0.9"]
     assert main([*words, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert f"in seat 1 of {path}: ended after 40 steps" in printed
+    assert f"in seat 1 of {path}: not finished after 40 steps" in printed
     assert f"(gamma {0.9**0.1:g})" in printed
     assert (out / "film.gif").is_file()
 
@@ -125,11 +125,21 @@ def test_the_discount_is_that_of_the_run(agent, tmp_path):
         (["AGENT", "--steps", "0"], "--steps is 0, it must be 1 or more"),
         (["AGENT", "--gamma", "1.5"], "--gamma is 1.5, it must be in 0..1"),
         (["AGENT", "--replay", "REPLAY", "--seat", "2"], "--seat is 2, it must be in 0..1"),
+        (["AGENT", "--seat", "1"], "--seat has an effect only with --replay"),
+        (
+            ["AGENT", "--replay", "REPLAY", "--opponent", "x"],
+            "--opponent has an effect only without",
+        ),
+        (["AGENT", "--replay", "REPLAY", "--set", "a=1"], "--set has an effect only without"),
+        (["AGENT", "--replay", "EMPTY"], "has no steps"),
     ],
 )
 def test_other_agents_and_numbers_are_refused(words, message, agent, capsys, tmp_path):
     path = tmp_path / "a.replay"
     record(path, game="deep_line_wars", steps=1, scenario=SCENARIO, bots=("random", "random"))
-    words = [{"AGENT": agent, "REPLAY": str(path)}.get(word, word) for word in words]
+    empty = tmp_path / "empty.replay"
+    record(empty, game="deep_line_wars", steps=0, scenario=SCENARIO, bots=("random", "random"))
+    named = {"AGENT": agent, "REPLAY": str(path), "EMPTY": str(empty)}
+    words = [named.get(word, word) for word in words]
     assert_refused(capsys, message, "explain", *words, "--out", str(tmp_path / "why"))
     assert not (tmp_path / "why").exists()

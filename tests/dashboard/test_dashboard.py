@@ -97,6 +97,16 @@ def test_a_second_reading_parses_only_new_rows(runs, monkeypatch):
     assert parsed[2:] == [format_rows(with_a_column), format_rows(resumed)]
 
 
+def test_a_run_that_is_resumed_for_longer_is_read_again(runs):
+    settings = runs["conv"] / "config.yaml"
+    with serving(make_server(runs, 0)) as address:
+        for total in (4000, 9000):
+            text = settings.read_text().partition("# checksum")[0]
+            settings.write_text(text.replace("total_frames: 4000", f"total_frames: {total}"))
+            shown = json.loads(get(address, "/data.json")[1])
+            assert [run["total_steps"] for run in shown["runs"]] == [total, 4000]
+
+
 def test_a_log_that_was_cut_in_a_row_is_read_as_a_whole(runs):
     reader = RunReader("conv", runs["conv"])
     for text in ("frames,epsilon\n1000,0.", "frames,epsilon\n1000,0.5\n"):

@@ -8,9 +8,10 @@ the numbers.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,9 @@ from marl_cair.games.game import Agent, Game
 from marl_cair.games.players.recurrent import call_agent, find_state_size
 from marl_cair.games.replays import Replay, read_replay, replay_steps
 from marl_cair.league.agents.foreign import require_answers
+from marl_cair.league.agents.load import find_trained
 from marl_cair.league.play.playing import map_seeds
+from marl_cair.training.collecting.recorded import REWARD_FIELDS
 from marl_cair.training.settings.config_file import CONFIG_FILE, read_yaml
 from marl_cair.training.settings.learner import LearnerSettings
 
@@ -48,7 +51,7 @@ class ExplainedGame:
     action_mask: NDArray[np.bool_]
     values: NDArray[np.float32]
     rewards: NDArray[np.float64]
-    ending: str  # won, lost, ended or out of time
+    ending: str  # won, lost, ended, out of time, or not finished: a recording that was cut off
     every: int  # steps from one decision of the agent to the next
 
     @property
@@ -70,18 +73,17 @@ def run(arguments: Sequence[str]) -> int:
     from marl_cair.cli.agent.pictures import save_all
     from marl_cair.policies.actor import PolicyActor
 
-    options = make_parser().parse_args(arguments)
+    parser = make_parser()
+    options = parser.parse_args(arguments)
     require_counts(options, "steps")
     replay, every = read_replay(options.replay) if options.replay else None, 1
+    _check_options(parser, options, replay)
     if replay is None:
         game, name, scenario = shared.choose_scenario(options, [options.agent])
         about = f"against {options.opponent} on {game.name} {name}"
     else:
         game, scenario = GAMES[replay.game], replay.scenario
         about = f"in seat {options.seat} of {options.replay}"
-        if options.seat not in range(len(replay.players)):
-            last = len(replay.players) - 1
-            raise ValueError(f"--seat is {options.seat}, it must be in 0..{last}")
     if game.make_spec(scenario).action_shape:
         raise ValueError(f"{game.name}: a seat chooses several actions per step in this scenario")
     load = shared.choose_load(options)
@@ -92,16 +94,18 @@ def run(arguments: Sequence[str]) -> int:
     gamma = gamma if options.gamma is None else options.gamma
     if not 0.0 <= gamma <= 1.0:
         raise ValueError(f"--gamma is {gamma}, it must be in 0..1")
-    trained = read_description(options.agent)
+    fields = find_trained(game, read_description(options.agent))
     if replay is None:
         opponent = load(options.opponent, game.name, scenario)
         replay = play_game(agent, opponent, game, scenario, options.seed)
     else:
-        decided = game.make_spec(game.scenario(trained.scenario, **trained.scenario_options))
+        decided = game.make_spec(game.scenario(fields.pop("scenario"), **fields))
         every = max(1, decided.ticks_per_step // replay.spec.ticks_per_step)
         gamma **= 1 / every  # of a step of the recording
-    reward = trained.scenario_options.get("reward", game.rated_reward)  # that the values are about
-    explained = explain_game(agent, replay, reward, options.seat, every, scale)
+    rewarded = {name: fields[name] for name in REWARD_FIELDS if name in fields}
+    if "shaping_discount" in rewarded:
+        rewarded["shaping_discount"] **= 1 / every
+    explained = explain_game(agent, replay, rewarded, options.seat, every, scale)
     returns = explained.discount(gamma)
     names = save_all(explained, agent, returns, gamma, options.steps, Path(options.out))
     largest = explained.values.max(1)
@@ -112,6 +116,23 @@ def run(arguments: Sequence[str]) -> int:
         f"{options.out}: {', '.join(names)}\n"
     )
     return EXIT_DONE
+
+
+def _check_options(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, replay: Replay | None
+) -> None:
+    """Raise ValueError for options that have no effect, and for a recording without the seat."""
+    for name in ("seat",) if replay is None else ("opponent", "seed", "game", "scenario", "fields"):
+        if getattr(options, name) != parser.get_default(name):
+            option = "--set" if name == "fields" else f"--{name}"
+            where = "only with" if replay is None else "only without"
+            raise ValueError(f"{option} has an effect {where} --replay: leave it out")
+    if replay is not None:
+        last = len(replay.players) - 1
+        if not 0 <= options.seat <= last:
+            raise ValueError(f"--seat is {options.seat}, it must be in 0..{last}")
+        if not len(replay.actions):
+            raise ValueError(f"{options.replay} has no steps: give a game that was played")
 
 
 def read_discount(agent: str) -> tuple[float, float]:
@@ -157,15 +178,20 @@ def play_game(agent: Agent, opponent: Agent, game: Game, scenario: Any, seed: in
 
 
 def explain_game(
-    agent: PolicyActor, replay: Replay, reward: str, seat: int, every: int, scale: float
+    agent: PolicyActor,
+    replay: Replay,
+    rewarded: Mapping[str, Any],
+    seat: int,
+    every: int,
+    scale: float,
 ) -> ExplainedGame:
-    """A recorded game as `agent` values it in a seat, with rewards of another kind times `scale`.
+    """A recorded game as `agent` values it in a seat, with rewards times `scale`.
 
-    The agent's memory takes each `every`-th step: those at which it would decide. Raises
-    ReplayError as `replay_steps`.
+    rewarded: REWARD_FIELDS of the scenario that the values are about. The agent's memory takes each
+    `every`-th step: those at which it would decide. Raises ReplayError as `replay_steps`.
     """
-    if reward != replay.scenario.reward:  # hashes are of states and rewards
-        scenario = dataclasses.replace(replay.scenario, reward=reward)
+    scenario = dataclasses.replace(replay.scenario, **rewarded)
+    if scenario != replay.scenario:  # hashes are of states and rewards
         replay = dataclasses.replace(replay, scenario=scenario, hashes={})
     states = np.zeros((1, find_state_size(agent)), np.float32)
     seen, masks, held, rewards = [], [], [], []
@@ -191,6 +217,8 @@ def describe_ending(engine: BatchedEngine, seat: int) -> str:
     winner, teams = int(engine.winner[0]), engine.spec.team_of_seat
     if engine.truncated[0]:
         return "out of time"
+    if not engine.terminated[0]:
+        return "not finished"
     return "ended" if winner < 0 else "won" if teams[winner] == teams[seat] else "lost"
 
 

@@ -243,7 +243,7 @@ def find_scenario(
     named = [about.game for _, about in trained] + [name for name in prefixes if name in GAMES]
     game = find_by_name("game", game_name or next(iter([*named, *GAMES])), GAMES)
     seen = {
-        name: {**_find_trained(game, about), "reward": game.rated_reward}
+        name: {**find_trained(game, about), "reward": game.rated_reward}
         for name, about in trained
         if about.game == game.name
     }
@@ -259,7 +259,7 @@ def find_scenario(
     return game, chosen.pop("scenario"), chosen
 
 
-def _find_trained(game: Game, about: AgentDescription) -> dict[str, Any]:
+def find_trained(game: Game, about: AgentDescription) -> dict[str, Any]:
     """The scenario that a checkpoint was trained on: its name under "scenario", and its fields.
 
     A scenario that a user has registered (`register_scenario`) is unknown in another process. Then
@@ -302,7 +302,7 @@ def _load_checkpoint(path: Path, game: str | None, scenario: Any, epsilon: float
             f"version {chosen.version}: train it again, or install the marl_cair of that version"
         )
     if scenario is None:
-        trained = _find_trained(chosen, about)
+        trained = find_trained(chosen, about)
         played = chosen.scenario(trained.pop("scenario"), **trained)
     else:
         played = _make_scenario(chosen, scenario)

@@ -21,7 +21,7 @@ from marl_cair.training.settings.demonstration import DemonstrationSettings
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
 
-_REWARD_FIELDS = ("reward", "shaping_discount")  # of scenarios: they do not change a game
+REWARD_FIELDS = ("reward", "shaping_discount")  # of scenarios: they do not change a game
 
 
 def fill_from_replays(
@@ -77,7 +77,7 @@ def _fit_scenario(path: Path, replay: Replay, engine: BatchedEngine) -> Replay:
     """The replay with the rewards of the engine's scenario, without hashes: they hold rewards."""
     if replay.game != engine.game.name:
         raise ValueError(f"{path} is a game of {replay.game}, the run plays {engine.game.name}")
-    if differing := list_differences(vars(replay.scenario), engine.scenario, _REWARD_FIELDS):
+    if differing := list_differences(vars(replay.scenario), engine.scenario, REWARD_FIELDS):
         raise ValueError(f"{path} is a game of another scenario: {differing}")
     for _ in replay_steps(replay):
         pass  # raises where the game differs from the recorded one

@@ -32,7 +32,7 @@ Share = Annotated[float, Allowed(lambda x: 0 <= x <= 1, "in 0..1")]
 ShareAboveZero = Annotated[float, Allowed(lambda x: 0 < x <= 1, "above 0, at most 1")]
 ShareBelowOne = Annotated[float, Allowed(lambda x: 0 <= x < 1, "0 or more, below 1")]
 Device = Annotated[str, Allowed(lambda d: bool(_DEVICE.fullmatch(d)), "cpu, cuda or cuda:N")]
-_DEVICE = re.compile(r"cpu|cuda(:\d\d?)?")
+_DEVICE = re.compile(r"cpu|cuda(:(0|[1-9]\d?))?")
 
 
 class DeviceError(ValueError):

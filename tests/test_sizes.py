@@ -21,7 +21,7 @@ MAX_LINES = {
     "browser": 950,
     "dashboard": 300,
     "conf": 10,
-    "cli": 4_260,
+    "cli": 4_290,
     "": 1_920,  # the modules that every part may import
 }
 

@@ -210,11 +210,10 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
 def require_best(config: TrainConfig, frames: int) -> None:
     """Raise ValueError if no evaluation of a run of `frames` steps chooses a best agent."""
     every, bots = config.evaluation.every_frames, config.evaluation.bots
-    batch = config.collector.num_worlds * config.collector.steps_per_batch
-    last = -(-frames // batch) * batch  # a run ends with a whole batch
+    last = frames + -frames % (config.collector.num_worlds * config.collector.steps_per_batch)
     chooses = every <= last and (bool(bots) or config.game.spec.num_teams == 1)
-    allowed = f"latest, or set evaluation.bots ({', '.join(bots)}) and evaluation.every_frames "
-    require(chooses, "rating.agent", BEST, f"{allowed}({every:,}) to evaluate in {frames:,} steps")
+    fix = f"set evaluation.bots ({', '.join(bots)}) and evaluation.every_frames ({every:,})"
+    require(chooses, "rating.agent", BEST, f"latest, or {fix} to evaluate in {frames:,} steps")
 
 
 def list_shortages(cells: Sequence[Cell]) -> dict[str, str]:

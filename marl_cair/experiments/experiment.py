@@ -211,13 +211,12 @@ def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -
         if not agents:
             continue
         game, scenario = own[0].config.game, make_scenario(own[0].config, own[0].rating)
-        fields = dataclasses.asdict(scenario)
         run_league(
             LeagueConfig(
                 agents=(*map(str, agents), *plan.tasks[task].rating.bots),
                 game=game.name,
                 scenario=game.scenario,
-                scenario_options=fields,
+                scenario_options=dataclasses.asdict(scenario),
                 games_per_pair=plan.games_per_pair,
                 out=str(config.out / LEAGUES / task),
                 workers=config.workers or os.cpu_count() or 1,

@@ -281,18 +281,3 @@ def test_a_run_whose_loss_is_not_finite_stops_and_saves_the_batch(tmp_path, monk
     for name, weight in run.learner.network.state_dict().items():
         assert torch.equal(weight, before[name])
     run.close()
-
-
-def test_states_of_version_0_1_are_read(tmp_path):
-    learner = runs.make_learner()
-    learner.update(runs.make_batch())
-    state = learner.state_dict()
-    prefix = "value_network_params.module.0.module."
-    old = {prefix + key: value for key, value in state.pop("network").items()}
-    old |= {f"target_{prefix}{key}": value for key, value in state.pop("target").items()}
-    again = runs.make_learner()
-    again.load_state_dict({**state, "loss": old, "target_counter": 1})
-    for network in ("network", "target", "average"):
-        kept = getattr(again, network).state_dict()
-        for name, value in getattr(learner, network).state_dict().items():
-            assert torch.equal(value, kept[name])

@@ -2,51 +2,47 @@
 
 python -m benchmarks.steps_to_level LOOKS.csv [MORE.csv ...] --factor data
     --controls real real_twice [--share 0.9]
-The level of a task is `--share` of the score of its best control over the last third of the
-steps (a mean over seeds). A run has it at the first of two looks in a row at or above it; one that
-never has it counts with all its steps. Prints in Markdown the strength (that mean score), the
-steps, and their ratio to the best control's, with 95 % bootstrap intervals over seeds.
+Strength and level are those of the tables of `marl-cair experiment`: the mean score over the last
+third of the steps, and the first of two looks in a row. The level of a task is `--share` of the
+strength of its best control (a mean over seeds); a run that never has it counts with all its steps.
+Prints strength, steps, and their ratio to the best control's in Markdown, with 95 % bootstrap
+intervals over seeds.
 """
 
 import argparse
 import csv
 from collections import defaultdict
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
-Curve = NDArray[np.float64]  # [looks, 2]: steps, score
-Runs = dict[str, dict[str, list[Curve]]]  # by task and choice, one for each seed
+from marl_cair.experiments.summary import Run, find_level, find_strength
+
+NUMBERS = ("frames", "seconds", "score", "mean")
+
+Runs = dict[str, dict[str, list[Run]]]  # by task and choice, one for each seed
 
 
 def read_runs(paths: list[Path], factor: str) -> Runs:
-    """The curves of all runs that were trained."""
-    points: dict[tuple[str, str, str], list[tuple[float, float]]] = defaultdict(list)
+    """All runs of the files; the plan has no other factor."""
+    runs: dict[tuple[str, str, str], Run] = {}
     for path in paths:
         with path.open(newline="") as file:
             for row in csv.DictReader(file):
-                if row[factor]:
-                    key = row["task"], row[factor], row["seed"]
-                    points[key].append((float(row["frames"]), float(row["score"])))
-    runs: Runs = defaultdict(lambda: defaultdict(list))
-    for (task, choice, _), curve in sorted(points.items()):
-        runs[task][choice].append(np.array(sorted(curve)))
-    return runs
+                key = row["task"], row[factor], row["seed"]
+                run = runs.setdefault(key, Run(row["task"], (row[factor],), int(row["seed"]), []))
+                run.rows.append({name: float(row[name]) for name in NUMBERS})
+    found: Runs = defaultdict(lambda: defaultdict(list))
+    for (task, choice, _), run in sorted(runs.items()):
+        found[task][choice].append(run)
+    return found
 
 
-def find_strength(curve: Curve) -> float:
-    """Mean score over the last third of the steps."""
-    return float(curve[curve[:, 0] >= 2 / 3 * curve[-1, 0], 1].mean())
-
-
-def find_steps(curve: Curve, level: float) -> float:
-    """Steps to the first of two looks in a row at `level` or above; else all of them."""
-    reached = (a[0] for a, b in pairwise(curve) if min(a[1], b[1]) >= level)
-    return float(next(reached, curve[-1, 0]))
+def rate_strength(run: Run) -> float:
+    """Mean score over the last third of the run's steps."""
+    return find_strength(run.rows, "frames", run.rows[-1]["frames"])
 
 
 def with_interval(values: list[float], others: list[float] | None = None, form: str = ".3g") -> str:
@@ -75,15 +71,23 @@ def main() -> None:
     print("| task | choice | seeds | strength | steps | ratio | never |")
     print("|---|---|---|---|---|---|---|")
     for task, choices in read_runs(args.looks, args.factor).items():
-        strengths = {name: [find_strength(c) for c in runs] for name, runs in choices.items()}
-        best = max(args.controls, key=lambda name: np.mean(strengths[name]))
+        strengths = {name: [*map(rate_strength, runs)] for name, runs in choices.items()}
+        controls = [name for name in args.controls if name in strengths]
+        best = max(controls, key=lambda name: np.mean(strengths[name]))
         level = args.share * np.mean(strengths[best])
-        steps = {name: [find_steps(c, level) for c in runs] for name, runs in choices.items()}
+        steps, never = {}, {}
+        for name, runs in choices.items():
+            reached = [(find_level(run, level).first, run.rows[-1]) for run in runs]
+            steps[name] = [(first or last)["frames"] for first, last in reached]
+            never[name] = sum(first is None for first, _ in reached)
         for name, own in steps.items():
             ratio = "1 (control)" if name == best else with_interval(own, steps[best])
-            never = sum(n == c[-1, 0] for n, c in zip(own, choices[name], strict=True))
             shown = with_interval(strengths[name]), with_interval(own, form=",.0f")
-            print("| " + " | ".join([task, name, str(len(own)), *shown, ratio, str(never)]) + " |")
+            print(
+                "| "
+                + " | ".join([task, name, str(len(own)), *shown, ratio, str(never[name])])
+                + " |"
+            )
 
 
 if __name__ == "__main__":

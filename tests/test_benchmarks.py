@@ -39,11 +39,12 @@ def test_steps_to_a_level_are_compared_with_the_best_control(tmp_path):
         "real_twice": [0] * 7,
         "generated": [0, 9, 9, 1, 9, 9, 9],
     }
-    lines = ["task,data,seed,frames,score"]
+    lines = ["task,data,seed,frames,seconds,score,mean"]
     for data, scores in curves.items():
         for seed in (0, 1):
             lines += [
-                f"maze,{data},{seed},{100 * look},{score}" for look, score in enumerate(scores)
+                f"maze,{data},{seed},{100 * look},{look},{score},{score}"
+                for look, score in enumerate(scores)
             ]
     looks = tmp_path / "looks.csv"
     looks.write_text("\n".join(lines))

@@ -116,8 +116,8 @@ def _list_columns(
         for column, axis in ((EQUAL_TIME, "seconds"), (EQUAL_STEPS, "frames")):
             trained = [run for run in of_task if len(run.rows) > 1]
             end = min(run.rows[-1][axis] for run in trained)
-            yield column, np.array([_find_strength(run.rows, axis, end) for run in runs])
-        strength = np.array([_find_strength(run.rows, "seconds", end_of(run)) for run in runs])
+            yield column, np.array([find_strength(run.rows, axis, end) for run in runs])
+        strength = np.array([find_strength(run.rows, "seconds", end_of(run)) for run in runs])
     if scale := _find_scale(task, of_task):
         yield NORMALISED, np.minimum((strength - scale[0]) / (scale[1] - scale[0]), 1.0)
     for name in task.rating.show:
@@ -138,7 +138,7 @@ def end_of(run: Run) -> float:
     return run.rows[-1]["seconds"]
 
 
-def _find_strength(rows: Sequence[Row], axis: str, end: float) -> float:
+def find_strength(rows: Sequence[Row], axis: str, end: float) -> float:
     """Mean of a run's mean scores over the last third before `end`, straight between looks."""
     places = np.linspace(end * (1 - _LAST_PART), end, _PLACES)
     known = [row[axis] for row in rows], [row["mean"] for row in rows]
@@ -162,16 +162,16 @@ def _find_scale(task: TaskSettings, of_task: Sequence[Run]) -> tuple[float, floa
 def find_levels(plan: Plan, runs: Sequence[Run]) -> list[Reached]:
     """Whether each run reaches each level of its task, and holds it at all later looks."""
     return [
-        _find_level(run, level)
+        find_level(run, level)
         for run in runs
         if len(run.rows) > 1
         for level in plan.tasks[run.task].levels
     ]
 
 
-def _find_level(run: Run, level: float) -> Reached:
-    pairs = pairwise(run.rows)
-    first = next((a for a, b in pairs if min(a["score"], b["score"]) >= level), None)
+def find_level(run: Run, level: float) -> Reached:
+    """When a run is at or above `level` in two looks in a row for the first time."""
+    first = next((a for a, b in pairwise(run.rows) if min(a["score"], b["score"]) >= level), None)
     if first is None:
         return Reached(run, level, None, max(row["score"] for row in run.rows))
     later = [row["score"] for row in run.rows if row["seconds"] >= first["seconds"]]

@@ -100,8 +100,8 @@ def test_a_plan_without_frames_keeps_those_of_recipes_and_scales_them():
     assert own.find_share(4_000, 3.0) == pytest.approx(0.5)
 
 
-@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
-def test_a_cell_on_a_gpu_that_is_missing_says_so():
+def test_a_cell_on_a_gpu_that_is_missing_says_so(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     cell, *_ = list_cells(make_plan(words=[*WORDS, "device=cuda"]))
     assert "device is 'cuda', but PyTorch" in find_shortage(cell)
 

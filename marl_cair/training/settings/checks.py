@@ -31,8 +31,9 @@ Positive = Annotated[float, Allowed(lambda x: 0 < x < math.inf, "above 0")]
 Share = Annotated[float, Allowed(lambda x: 0 <= x <= 1, "in 0..1")]
 ShareAboveZero = Annotated[float, Allowed(lambda x: 0 < x <= 1, "above 0, at most 1")]
 ShareBelowOne = Annotated[float, Allowed(lambda x: 0 <= x < 1, "0 or more, below 1")]
-Device = Annotated[str, Allowed(lambda d: bool(_DEVICE.fullmatch(d)), "cpu, cuda or cuda:N")]
 _DEVICE = re.compile(r"cpu|cuda(:(0|[1-9]\d?))?")
+_NAMED = Allowed(lambda name: bool(_DEVICE.fullmatch(name)), "cpu, cuda or cuda:N")
+Device = Annotated[str, _NAMED]
 
 
 class DeviceError(ValueError):
@@ -51,7 +52,7 @@ def find_device(name: str) -> torch.device:
     """
     import torch
 
-    require(bool(_DEVICE.fullmatch(name)), "device", name, "cpu, cuda or cuda:N")
+    require(_NAMED.holds(name), "device", name, _NAMED.words)
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if name == "cpu" or int(name.partition(":")[2] or 0) < count:
         return torch.device(name)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from marl_cair.games.players.weak_bot import SEPARATOR
 from marl_cair.lookup import LazyTable, check_name
 from marl_cair.outside import OutsideCodeError
 from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Pool
@@ -17,7 +18,9 @@ from marl_cair.self_play.win_rates import EVEN, WinRecords
 
 LATEST = "latest"  # the learner itself, with the number 0
 LATEST_ID = 0
-BOTS, PFSP_BOTS = "bots", "pfsp_bots"  # bots of the pool: all that can play the scenario
+# Bots of the pool, all that can play the scenario: at full strength, or at all strengths.
+BOTS, PFSP_BOTS, CURRICULUM = "bots", "pfsp_bots", "curriculum"
+BEATEN = 0.7  # a win rate from which on `curriculum` makes a bot stronger
 LEARNER = "learner"  # a kind, beside BOT, FOREIGN, LIVE and SNAPSHOT
 
 Probabilities = NDArray[np.float64]
@@ -40,9 +43,14 @@ class Standings(NamedTuple):
         return np.array([i for i in of_role if self.kinds[i] == kind], int)
 
     @property
-    def bots(self) -> NDArray[np.int64]:
-        """Indices of the bots."""
+    def all_bots(self) -> NDArray[np.int64]:
+        """Indices of the bots, of all strengths."""
         return np.array([i for i, kind in enumerate(self.kinds) if kind == BOT], int)
+
+    @property
+    def bots(self) -> NDArray[np.int64]:
+        """Indices of the bots at full strength."""
+        return np.array([i for i in self.all_bots if SEPARATOR not in self.names[i]], int)
 
     @property
     def pool(self) -> NDArray[np.int64]:
@@ -94,6 +102,20 @@ def recent(standings: Standings, options: SamplerOptions) -> Probabilities:
     pool = standings.pool
     ages = np.linspace(1.0, 0.0, len(pool)) if len(pool) > 1 else np.zeros(len(pool))
     return standings.spread(pool, np.exp(-options.recency * ages))
+
+
+def curriculum(standings: Standings, options: SamplerOptions) -> Probabilities:
+    """Each bot with equal probability, at the lowest strength at which it is not beaten yet. Win
+    rates grow old, so that a bot that was beaten long ago is met again at a lower strength.
+    """
+    strengths: dict[str, list[int]] = {}
+    for index in standings.all_bots.tolist():
+        strengths.setdefault(standings.names[index].partition(SEPARATOR)[0], []).append(index)
+    chosen = [
+        next((i for i in indices if standings.win_rate[i] < BEATEN), indices[-1])
+        for indices in strengths.values()
+    ]
+    return standings.spread(np.array(chosen, int), np.ones(len(chosen)))
 
 
 def nash(standings: Standings, options: SamplerOptions) -> Probabilities:
@@ -183,6 +205,7 @@ _OWN: dict[str, Sampler] = {
     "nash": nash,
     BOTS: _weigh(_BOTS, lambda rates, options: np.ones(len(rates))),
     PFSP_BOTS: _weigh(_BOTS, lambda rates, options: (1.0 - rates) ** options.power),
+    CURRICULUM: curriculum,
     "main_self_play": main_self_play,
     "main_agents": main_agents,
     "forgotten": forgotten,

@@ -51,7 +51,7 @@ def test_every_sampler_gives_probabilities_for_any_record(name, num_bots, win_ra
     assert found.sum() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", sorted(set(SAMPLERS) - {"bots", "pfsp_bots"}))
+@pytest.mark.parametrize("name", sorted(set(SAMPLERS) - {"bots", "pfsp_bots", "curriculum"}))
 def test_without_a_pool_the_learner_plays_itself(name):
     assert SAMPLERS[name](standings([]), OPTIONS).tolist() == [1.0, 0.0, 0.0]
 
@@ -59,6 +59,18 @@ def test_without_a_pool_the_learner_plays_itself(name):
 def test_latest_and_bots_take_no_other_opponent():
     assert SAMPLERS["latest"](standings([0.2, 0.9]), OPTIONS).tolist() == [1, 0, 0, 0, 0]
     assert SAMPLERS["bots"](standings([0.2, 0.9]), OPTIONS).tolist() == [0, 0.5, 0.5, 0, 0]
+
+
+def test_a_curriculum_takes_each_bot_at_the_lowest_strength_that_is_not_beaten():
+    names = ("latest", "a@0.1", "a@0.5", "a", "b@0.1", "b@0.5", "b", "random", "s0")
+    rates = [0.5, 0.9, 0.6, 0.1, 0.9, 0.8, 0.75, 0.5, 0.0]
+    kinds = ("learner", *["bot"] * 7, "snapshot")
+    met = Standings(np.arange(9), names, kinds, np.array(rates), np.full((9, 9), 0.5))
+    third = 1 / 3
+    expected = [0, 0, third, 0, 0, 0, third, third, 0]
+    assert SAMPLERS["curriculum"](met, OPTIONS) == pytest.approx(expected)
+    # The others take bots at full strength.
+    assert np.flatnonzero(SAMPLERS["bots"](met, OPTIONS)).tolist() == [3, 6, 7]
 
 
 def test_bots_that_are_not_beaten_yet_are_played_more_often():

@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from marl_cair.games.players.weak_bot import list_strengths
 from marl_cair.games.torchrl_env import LastStep
 from marl_cair.league.agents.foreign import ForeignAgentError
 from marl_cair.league.agents.load import find_fingerprint
@@ -35,6 +36,18 @@ def _module_of_a_user(test_game, monkeypatch):
 def make_run(tmp_path, scenario, mixture, **settings):
     opponent = OpponentSettings(mixture, **settings)
     return TrainingRun(small(tmp_path / "run", scenario, opponent=opponent))
+
+
+def test_a_curriculum_makes_the_bots_stronger_as_they_are_beaten(tmp_path):
+    """`quitter` loses at once at any strength, `finisher` wins in time unless it is very weak."""
+    run = make_run(tmp_path, "duel", {"curriculum": 1.0}, redraw_every_frames=1)
+    numbers = {member.name: member.number for member in run.book.pool.members}
+    assert {"quitter@0.02", "quitter", "finisher@0.4", "random"} <= numbers.keys()
+    quits = [numbers[name] for name in list_strengths("quitter")]
+    assert set(run.book.draw(200, 0)) & {*quits} == {quits[0]}
+    for beaten, number in enumerate(quits[:-1]):
+        run.book.note([Meeting(number, 1.0, 1.0)] * 20, frames=beaten)
+        assert set(run.book.draw(200, beaten + 1)) & {*quits} == {quits[beaten + 1]}
 
 
 # --- outcomes --------------------------------------------------------------------------------

@@ -140,10 +140,9 @@ class VectorPlayer:
         name: str,
         play: Callable[[State, int], set[str]],
         paths: Sequence[str],
-        keys: Sequence[Sequence[str]],
         action_names: Sequence[str],
     ) -> None:
-        self.name, self._play, self._paths, self._keys = name, play, paths, keys
+        self.name, self._play, self._paths = name, play, paths
         actions = [frozenset(action.split("+")) for action in action_names]
         self._numbers = {action: number for number, action in enumerate(actions)}
 
@@ -152,13 +151,11 @@ class VectorPlayer:
 
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
         chosen = np.zeros(len(observation), np.int64)
-        for row, (seat, *values) in enumerate(observation.tolist()):
-            player = int(seat)
+        for row, (_, *values) in enumerate(observation.tolist()):
             state = restore_state(self._paths, values)
-            held = self._play({**state, "scene": "stage"}, player)
-            # Actions have the names of the first player's keys.
-            names = {self._keys[0][self._keys[player].index(key)] for key in held}
-            chosen[row] = self._numbers[frozenset(names or {"noop"})]
+            # Each player sees itself as the first.
+            held = self._play({**state, "scene": "stage"}, 0)
+            chosen[row] = self._numbers[frozenset(held or {"noop"})]
         return chosen
 
     def state_dict(self) -> dict[str, Any]:
@@ -204,7 +201,7 @@ def make_bot(name: str, scenario: Scenario, spec: GameSpec) -> Agent:
             f"with actions={scenario.actions}: take the bot random"
         )
     paths = [number.path for number in described.numbers]
-    return VectorPlayer(name, play, paths, described.keys, spec.action_names)
+    return VectorPlayer(name, play, paths, spec.action_names)
 
 
 _PLAYERS: dict[str, tuple[str, Callable[[State, int], set[str]]]] = {

@@ -35,7 +35,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         package.show_picture(height, width, rules.observe_image),
     ]
     if described.numbers:
-        names, low, high = zip(*described.numbers, strict=True)
+        names, low, high, _ = zip(*described.numbers, strict=True)
         last = float(max(1, len(described.keys) - 1))
         shown.append(
             package.show_numbers(

@@ -17,6 +17,7 @@ from marl_cair.lookup import UnknownNameError, find_by_name
 
 FOLDER = Path(__file__).parent / "swf"  # of the games that ship
 OWN = ("multitask", "duel")
+MIRRORED = "mirrored"  # of a number: the second half of the players sees low + high - value
 MAX_SIDE, MAX_FPS, MAX_PLAYERS, MAX_KEYS, MAX_GRID = 4096, 120, 8, 16, 64
 _CLICK = re.compile(r"(\d+) *, *(\d+)")
 
@@ -40,6 +41,7 @@ class Number(NamedTuple):
     path: str
     low: float
     high: float
+    second: str = ""  # what the second half of the players sees here: a path, or MIRRORED
 
 
 @dataclass(frozen=True)
@@ -249,10 +251,11 @@ class _Reader:
 
     def read_entry(self, value: Any) -> Number:
         try:
-            path, low, high = value
-            entry = Number(str(path), float(low), float(high))
+            path, low, high, *second = value
+            entry = Number(str(path), float(low), float(high), *map(str, second))
         except (TypeError, ValueError):
-            raise self.fail("numbers", value, '["path", low, high]') from None
+            allowed = f'["path", low, high], or with a second path or "{MIRRORED}" at the end'
+            raise self.fail("numbers", value, allowed) from None
         if not entry.low < entry.high:
             raise self.fail("numbers", value, '["path", low, high] with low below high')
         return entry

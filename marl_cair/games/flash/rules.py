@@ -21,7 +21,9 @@ from marl_cair.games.flash.browser.server import (
     MouseEvent,
 )
 from marl_cair.games.flash.description import (
+    MIRRORED,
     Description,
+    Number,
     Region,
     check_digest,
     find_description,
@@ -253,9 +255,12 @@ def _read(
         worlds.score[row] = find_value(reported, described.score)
     else:
         worlds.score[row] += browsers.scenario.ticks_per_step
-    for place, (path, low, high) in enumerate(described.numbers):
-        value = float(find_value(reported, path, missing=lambda: 0.0))
-        worlds.numbers[row, place] = min(high, max(low, value))
+    num_players = len(described.keys)
+    for player in range(num_players):
+        worlds.numbers[row, player] = [
+            _read_number(reported, number, is_second=2 * player >= num_players > 1)
+            for number in described.numbers
+        ]
     small = picture if browsers.picture == SMALL else shrink(picture)
     worlds.picture[row] = small.transpose(2, 0, 1)
     worlds.film[row, :-1] = worlds.film[row, 1:]
@@ -266,6 +271,17 @@ def _read(
         is_done = browsers.ending.is_over(picture)
     winner = int(find_value(reported, described.winner)) if described.winner else NO_WINNER
     return is_done, winner
+
+
+def _read_number(reported: Any, number: Number, is_second: bool) -> float:
+    """A number as one half of the players sees it; 0 where the SWF reports none."""
+    other = number.second if is_second else ""
+    path = other if other not in ("", MIRRORED) else number.path
+    value = find_value(reported, path, missing=lambda: None)
+    if value is None:
+        return 0.0
+    value = min(number.high, max(number.low, float(value)))
+    return number.low + number.high - value if other == MIRRORED else value
 
 
 def read_brightness(picture: NDArray[np.uint8], region: Region) -> float:
@@ -289,7 +305,11 @@ def _pay(
     browsers: Browsers, gained: NDArray[np.float64], is_done: bool, winner: int
 ) -> NDArray[np.float32]:
     """The reward of each player, float32 [P]."""
+    most = browsers.described.most_points
     if len(gained) > 1:
+        if browsers.scenario.reward == "lead":
+            lead = gained - (gained.sum() - gained) / (len(gained) - 1)
+            return np.clip(lead, -most, most).astype(np.float32)
         paid = np.zeros(len(gained), np.float32)
         if is_done and winner != NO_WINNER:
             paid[:] = -1.0
@@ -297,7 +317,6 @@ def _pay(
         return paid
     if browsers.scenario.reward == "alive":
         return np.array([-1.0 if is_done else ALIVE], np.float32)
-    most = browsers.described.most_points
     return np.clip(gained, -most, most).astype(np.float32)
 
 
@@ -326,7 +345,7 @@ def observe_image(worlds: s.World, browsers: Browsers, out: Any, first: int, las
 def observe_numbers(worlds: s.World, browsers: Browsers, out: Any, first: int, last: int) -> None:
     """The numbers that the SWF reports, after the player's own; out float32 [B, P, 1 + V]."""
     out[first:last, :, 0] = np.arange(out.shape[1])
-    out[first:last, :, 1:] = worlds.numbers[first:last, None]
+    out[first:last, :, 1:] = worlds.numbers[first:last]
 
 
 def _show(browsers: Browsers, pictures: NDArray[np.uint8], out: Any) -> None:

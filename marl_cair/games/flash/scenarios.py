@@ -11,6 +11,7 @@ GYMNASIUM_PREFIX = "Flash"  # of the ids marl_cair/Flash-<scenario>-v0
 
 REWARDS = {
     "points": "what the score gains; with several players +1 to the winner and -1 to the others",
+    "lead": "what the score gains, less the mean of what the others' scores gain",
     "alive": "0.1 a step and -1 at the end; with several players as `points`",
 }
 ACTIONS = ("keys", "mouse")

@@ -25,7 +25,7 @@ class World(NamedTuple):
     held: Annotated[NDArray[np.bool_], "P K"]  # keys that are down
     picture: Annotated[NDArray[np.uint8], "3 S S"]  # of the whole SWF
     film: Annotated[NDArray[np.uint8], "F S S"]  # luma of the last steps, the newest last
-    numbers: Annotated[NDArray[np.float32], "V"]
+    numbers: Annotated[NDArray[np.float32], "P V"]
     illegal: Annotated[NDArray[np.int32], "P"]  # illegal actions since reset
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from marl_cair.checkpoint import LIVE_FOLDER, AgentDescription, save_agent
 from marl_cair.games.game import Agent, Game
+from marl_cair.games.players.weak_bot import list_strengths
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.agents.mixtures import is_mixture, read_mixture
 from marl_cair.league.play.arena import Load
@@ -21,7 +23,13 @@ from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.self_play import samplers
 from marl_cair.self_play.live_rating import LiveRating
 from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Member, Pool
-from marl_cair.self_play.samplers import BOTS, LATEST_ID, PFSP_BOTS, SamplerOptions
+from marl_cair.self_play.samplers import (
+    BOTS,
+    CURRICULUM,
+    LATEST_ID,
+    PFSP_BOTS,
+    SamplerOptions,
+)
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.self_play.win_rates import EVEN, OPPONENT, BettingTest, WinRecords
 from marl_cair.training.settings.checks import require
@@ -294,15 +302,20 @@ def expand_mixtures(settings: OpponentSettings) -> OpponentSettings:
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:
     """The bots among `names`; if `bots` or `pfsp_bots` is one of them, all that can play the
-    scenario.
+    scenario; if `curriculum` is, these at all strengths.
 
     Raises:
         ValueError: a bot that is named cannot play it, or none can.
     """
     made: list[Agent] = []
     refused: ValueError | None = None
-    all_of = [name for name in (BOTS, PFSP_BOTS) if name in names]
-    for name in game.bots if all_of else (name for name in game.bots if name in names):
+    all_of = [name for name in (BOTS, PFSP_BOTS, CURRICULUM) if name in names]
+    wanted = dict.fromkeys(name for name in names if name in game.bots)
+    if CURRICULUM in names:
+        wanted |= dict.fromkeys(chain.from_iterable(map(list_strengths, game.bots)))
+    elif all_of:
+        wanted |= dict.fromkeys(game.bots)
+    for name in wanted:
         try:
             made.append(game.bot(name, scenario))
         except ValueError as error:

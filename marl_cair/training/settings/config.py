@@ -104,7 +104,8 @@ class OpponentSettings:
 
     Names in a mixture are bots, `agents`, or samplers (`self_play.samplers`): `latest` (the
     newest policy; it learns from those seats too), `bots` (all, evenly), `pfsp_bots` (all, those
-    with a low win rate against them more often), and of the pool, which is snapshots and `agents`,
+    with a low win rate against them more often), `curriculum` (all, each at the lowest of
+    seven strengths at which it is not beaten), and of the pool, which is snapshots and `agents`,
     `uniform`, `delta_uniform`, `recent`, `pfsp`, `pfsp_variance`, `pfsp_easy` and `nash`. Values
     are weights. An agent is a checkpoint's or a mixture's folder, or package.module:function.
     """

@@ -49,7 +49,7 @@ def test_a_description_says_all(folder):
     found = read(folder)
     assert (found.size, found.fps, found.keys) == ((480, 360), 30, (("left", "right"),))
     assert found.start == ("enter", 30, (240, 200))
-    assert found.numbers == (("ball.x", -100.0, 100.0),)
+    assert found.numbers == (("ball.x", -100.0, 100.0, ""),)
     assert not found.reads_pixels
 
 
@@ -77,6 +77,7 @@ def test_score_and_end_can_be_read_from_the_picture(folder):
         ('[["left", "right"]]', '[["left"], ["a", "b"]]', ["keys", "as many"]),
         ('[["left", "right"]]', "[[]]", ["mouse_grid"]),
         ("-100, 100", "100, -100", ["numbers", "low"]),
+        ("-100, 100", '-100, 100, "a", "b"', ["numbers", "mirrored"]),
         ('"240, 200"', "-1", ["start", "-1"]),
         ('callback = "getState"', "", ["callback"]),
         ('score = "points.0"', "score = { region = [0, 0, 900, 9] }", ["score.region", "900"]),

@@ -98,6 +98,33 @@ def test_the_second_player_of_duel_sees_the_game_from_its_side():
     engine.reset(0)
     own, other = engine.observe("rgb84")[0]
     assert (own == other[:, :, ::-1]).all()
+    for _ in range(20):  # the first player moves and fires
+        engine.step(np.array([[engine.spec.action_names.index("w+d"), 0]]))
+    named = engine.spec.representations["vector"].plane_names
+    first, second = (
+        dict(zip(named, row.tolist(), strict=True)) for row in engine.observe("vector")[0]
+    )
+    assert (first["player"], second["player"]) == (0, 1)
+    assert first["players.0.y"] == second["players.1.y"] != second["players.0.y"]
+    assert first["bolts.0.x"] == -second["bolts.0.x"] != 0
+    assert (first["bolts.0.owner"], second["bolts.0.owner"]) == (0, 1)
+    assert first["bolts.0.y"] == second["bolts.0.y"] != 0
+    assert first["bolts.7.owner"] == second["bolts.7.owner"] == 0  # of no bolt
+    engine.close()
+
+
+def test_the_reward_lead_pays_hits_to_one_and_takes_them_from_the_other():
+    engine = marl_cair.make_engine("flash", "duel", num_worlds=2, reward="lead")
+    engine.reset(np.array([1, 2], np.uint64))
+    rng, paid = np.random.default_rng(0), 0.0
+    bot = engine.game.bot("duelist", engine.scenario)
+    while not engine.terminated[0]:
+        seen = engine.observe("vector")[:, 0], engine.action_mask()[:, 0]
+        engine.step(np.stack([bot.act(*seen), rng.integers(0, engine.num_actions, 2)], 1))
+        assert (engine.rewards[:, 0] == -engine.rewards[:, 1]).all()
+        paid += engine.rewards[0, 0]
+    score = engine.info()["score"][0]
+    assert paid == score[0] - score[1] > 0
     engine.close()
 
 

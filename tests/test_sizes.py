@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 2_960,
     "self_play": 990,
     "league": 8_060,
-    "training": 7_350,
+    "training": 7_375,
     "experiments": 1_620,
     "viewer": 720,
     "window": 2_440,

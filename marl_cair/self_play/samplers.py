@@ -108,14 +108,19 @@ def curriculum(standings: Standings, options: SamplerOptions) -> Probabilities:
     """Each bot with equal probability, at the lowest strength at which it is not beaten yet. Win
     rates grow old, so that a bot that was beaten long ago is met again at a lower strength.
     """
+    chosen = np.array([*find_unbeaten(standings).values()], int)
+    return standings.spread(chosen, np.ones(len(chosen)))
+
+
+def find_unbeaten(standings: Standings) -> dict[str, int]:
+    """By bot: the index of its lowest strength that is not beaten yet, or of its full strength."""
     strengths: dict[str, list[int]] = {}
     for index in standings.all_bots.tolist():
         strengths.setdefault(standings.names[index].partition(SEPARATOR)[0], []).append(index)
-    chosen = [
-        next((i for i in indices if standings.win_rate[i] < BEATEN), indices[-1])
-        for indices in strengths.values()
-    ]
-    return standings.spread(np.array(chosen, int), np.ones(len(chosen)))
+    return {
+        bot: next((i for i in indices if standings.win_rate[i] < BEATEN), indices[-1])
+        for bot, indices in strengths.items()
+    }
 
 
 def nash(standings: Standings, options: SamplerOptions) -> Probabilities:

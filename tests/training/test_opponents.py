@@ -7,7 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
-from marl_cair.games.players.weak_bot import list_strengths
+from marl_cair.games.players.weak_bot import STRENGTHS, list_strengths
 from marl_cair.games.torchrl_env import LastStep
 from marl_cair.league.agents.foreign import ForeignAgentError
 from marl_cair.league.agents.load import find_fingerprint
@@ -48,6 +48,8 @@ def test_a_curriculum_makes_the_bots_stronger_as_they_are_beaten(tmp_path):
     for beaten, number in enumerate(quits[:-1]):
         run.book.note([Meeting(number, 1.0, 1.0)] * 20, frames=beaten)
         assert set(run.book.draw(200, beaten + 1)) & {*quits} == {quits[beaten + 1]}
+        strength = run.book.report(beaten + 1)["curriculum/quitter"]
+        assert strength == [*STRENGTHS, 1][beaten + 1]
 
 
 # --- outcomes --------------------------------------------------------------------------------

@@ -308,8 +308,9 @@ def _pay(
     most = browsers.described.most_points
     if len(gained) > 1:
         if browsers.scenario.reward == "lead":
-            lead = gained - (gained.sum() - gained) / (len(gained) - 1)
-            return np.clip(lead, -most, most).astype(np.float32)
+            others = (gained.sum() - gained) / (len(gained) - 1)
+            lead: NDArray[np.float32] = np.clip(gained - others, -most, most).astype(np.float32)
+            return lead
         paid = np.zeros(len(gained), np.float32)
         if is_done and winner != NO_WINNER:
             paid[:] = -1.0

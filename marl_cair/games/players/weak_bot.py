@@ -99,6 +99,11 @@ def _make_weak(make: MakeBot, strength: float, scenario: Any, spec: GameSpec) ->
     return WeakBot(make(scenario, spec), strength, spec.noop_action)
 
 
+def read_strength(name: str) -> float:
+    """The strength in a bot's name, 1 where there is none."""
+    return float(name.partition(SEPARATOR)[2] or 1)
+
+
 def list_strengths(bot: str) -> list[str]:
     """The names of a bot at all strengths, weakest first; of `random` none but its own."""
     weak = [] if bot == RANDOM else [f"{bot}{SEPARATOR}{strength:g}" for strength in STRENGTHS]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from marl_cair.checkpoint import LIVE_FOLDER, AgentDescription, save_agent
 from marl_cair.games.game import Agent, Game
-from marl_cair.games.players.weak_bot import list_strengths
+from marl_cair.games.players.weak_bot import list_strengths, read_strength
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.agents.mixtures import is_mixture, read_mixture
 from marl_cair.league.play.arena import Load
@@ -223,8 +223,14 @@ class OpponentBook:
         self.pool.release({*self._numbers, *np.unique(in_play).tolist()})
 
     def report(self, frames: int) -> dict[str, float]:
-        """The pool's size, the learner's lowest win rate in it and its live rating, by log name."""
+        """By log name: the pool's size, the learner's lowest win rate in it, its live rating, and
+        the strength of each bot in a curriculum.
+        """
         row, snapshots = self.live_rating.report(), self.pool.snapshots
+        if CURRICULUM in self.settings.find_names() and not self.is_alone:
+            standings = samplers.read_standings(self.pool, self.records, frames)
+            for bot, index in samplers.find_unbeaten(standings).items():
+                row[f"curriculum/{bot}"] = read_strength(standings.names[index])
         if not snapshots:
             return row
         lowest = min(self.records.estimate(kept.number, frames) for kept in snapshots)

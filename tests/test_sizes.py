@@ -8,11 +8,11 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_340,
+    "games": 21_480,
     "policies": 2_410,
     "replay": 2_290,
     "generative": 2_960,
-    "self_play": 990,
+    "self_play": 1_010,
     "league": 8_060,
     "training": 7_375,
     "experiments": 1_620,

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import marl_cair
-from marl_cair.games.players.weak_bot import STRENGTHS, list_strengths
+from marl_cair.games.players.weak_bot import STRENGTHS, WeakBot, list_strengths
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.match import play_match
 from marl_cair.lookup import UnknownNameError
+from tests.recurrent_agents import Counting
 
 GAME = marl_cair.GAMES["deep_line_wars"]
 SCENARIO = GAME.scenario("11x11")
@@ -71,3 +72,17 @@ def test_strengths_are_names_that_are_not_listed():
     assert names[-1] == "rusher"
     assert len(names) == len(STRENGTHS) + 1
     assert all(name in GAME.bots for name in names)
+
+
+def test_a_recurrent_bot_keeps_its_states():
+    """Also in decisions in which it does nothing."""
+    weak = WeakBot(Counting(), 0.5, noop=0)
+    seen, mask = np.zeros((50, 1), np.float32), np.ones((50, 4), np.bool_)
+    states, played = np.zeros((50, weak.state_size), np.float32), []
+    for _ in range(4):
+        actions, states = weak.act(seen, mask, states)
+        played.append(actions)
+    assert (states == [4, -12]).all()
+    # Counting plays 0 and 1 in turn.
+    assert not np.any(played[::2])
+    assert 0 < np.mean(played[1::2]) < 1

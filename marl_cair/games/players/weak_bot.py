@@ -26,7 +26,7 @@ class WeakBot:
     The bot sees every observation, so that what it remembers stays true.
 
     Args:
-        bot: without a `state_size`.
+        bot: any agent, also a recurrent one.
         strength: the share, above 0 and below 1.
         noop: the action that does nothing.
     """
@@ -35,16 +35,20 @@ class WeakBot:
         self._bot, self._strength, self._noop = bot, strength, noop
         self.name = f"{bot.name}{SEPARATOR}{strength:g}"
         self.representation = bot.representation
+        self.state_size: int = getattr(bot, "state_size", 0)
         self._rng = np.random.default_rng(0)
 
     def seed(self, seed: int) -> None:
         self._bot.seed(seed)
         self._rng = np.random.default_rng([seed, round(1e9 * self._strength)])
 
-    def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-        chosen = np.array(self._bot.act(observation, action_mask))
+    def act(
+        self, observation: NDArray[Any], action_mask: NDArray[np.bool_], *state: NDArray[np.float32]
+    ) -> Any:
+        answer = self._bot.act(observation, action_mask, *state)
+        chosen = np.array(answer[0] if state else answer)
         chosen[self._rng.random(len(chosen)) >= self._strength] = self._noop
-        return chosen
+        return (chosen, answer[1]) if state else chosen
 
     def state_dict(self) -> dict[str, Any]:
         return {"bot": self._bot.state_dict(), "rng": self._rng.bit_generator.state}

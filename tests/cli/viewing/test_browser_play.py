@@ -58,6 +58,7 @@ def test_a_game_for_one_has_no_opponent(written):
     ("words", "message"),
     [
         (("flappy_bird", "--opponent", AGENT), "plays deep_line_wars, not flappy_bird"),
+        (("deep_line_wars", "--opponent", "rusher@0.3"), "choose rusher"),
         (
             ("deep_line_wars", "--opponent", AGENT, "--scenario", "11x11"),
             "others than those of the chosen scenario: leave --scenario and --set out",

@@ -1,12 +1,12 @@
 """Compare how many environment steps choices of a plan need to a level, against a control.
 
 python -m benchmarks.steps_to_level LOOKS.csv [MORE.csv ...] --factor data
-    --controls real real_twice [--share 0.9]
+    --controls real real_twice [--share 0.9] [--plan PLAN.yaml --figure FILE.png]
 Strength and level are those of the tables of `marl-cair experiment`: the mean score over the last
 third of the steps, and the first of two looks in a row. The level of a task is `--share` of the
 strength of its best control (a mean over seeds); a run that never has it counts with all its steps.
 Prints strength, steps, and their ratio to the best control's in Markdown, with 95 % bootstrap
-intervals over seeds.
+intervals over seeds. The figure is that of the experiment, of the runs in the files.
 """
 
 import argparse
@@ -18,8 +18,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import bootstrap
 
+import marl_cair
+from marl_cair.experiments.figures import draw_results
+from marl_cair.experiments.plan import read_plan
 from marl_cair.experiments.summary import Run, find_level, find_strength
 
+PLAN = Path(marl_cair.__file__).parent / "conf" / "plan" / "synthetic.yaml"
 NUMBERS = ("frames", "seconds", "score", "mean")
 
 Runs = dict[str, dict[str, list[Run]]]  # by task and choice, one for each seed
@@ -67,7 +71,13 @@ def main() -> None:
     parser.add_argument("--factor", default="data", help="whose choices are compared")
     parser.add_argument("--controls", nargs="+", default=["real", "real_twice"])
     parser.add_argument("--share", type=float, default=0.9, help="of the best control's score")
+    parser.add_argument("--plan", type=Path, default=PLAN, help="of the figure")
+    parser.add_argument("--figure", type=Path, help="a .png or .pdf file to draw")
     args = parser.parse_args()
+    if args.figure:
+        tasks = read_runs(args.looks, args.factor)
+        runs = [run for choices in tasks.values() for own in choices.values() for run in own]
+        draw_results(read_plan(args.plan), runs, [], args.figure)
     print("| task | choice | seeds | strength | steps | ratio | never |")
     print("|---|---|---|---|---|---|---|")
     for task, choices in read_runs(args.looks, args.factor).items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -58,19 +58,23 @@ class WeakBot:
         self._rng.bit_generator.state = state["rng"]
 
 
-class BotTable(Mapping[str, MakeBot]):
+class BotTable(dict[str, MakeBot]):
     """The bots of a game by name. NAME@STRENGTH is a name too, with a strength above 0 and below 1;
     such names are not listed.
     """
 
-    def __init__(self, bots: Mapping[str, MakeBot]) -> None:
-        self._bots = dict(bots)
-
-    def __getitem__(self, name: str) -> MakeBot:
-        if name in self._bots:
-            return self._bots[name]
+    def __missing__(self, name: str) -> MakeBot:
         plain, strength = self._split(name)
-        return partial(_make_weak, self._bots[plain], strength)
+        return partial(_make_weak, self[plain], strength)
+
+    def __contains__(self, name: object) -> bool:
+        if super().__contains__(name):
+            return True
+        try:
+            self._split(name)
+        except KeyError:
+            return False
+        return True
 
     def _split(self, name: object) -> tuple[str, float]:
         """A plain name and a strength. Raises KeyError."""
@@ -79,24 +83,9 @@ class BotTable(Mapping[str, MakeBot]):
             strength = float(written)
         except ValueError:
             raise KeyError(name) from None
-        if plain not in self._bots or not 0 < strength < 1:
+        if not super().__contains__(plain) or not 0 < strength < 1:
             raise KeyError(name)
         return plain, strength
-
-    def __contains__(self, name: object) -> bool:
-        if name in self._bots:
-            return True
-        try:
-            self._split(name)
-        except KeyError:
-            return False
-        return True
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._bots)
-
-    def __len__(self) -> int:
-        return len(self._bots)
 
 
 def _make_weak(make: MakeBot, strength: float, scenario: Any, spec: GameSpec) -> WeakBot:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
 import select
@@ -82,8 +83,10 @@ def start_display(folder: PrivateFolder, window: Window) -> dict[str, str]:
     if not display:
         folder.wait_for_end("Xtigervnc")
     x_socket = Path(f"/tmp/.X11-unix/X{display}")  # noqa: S108 (X servers put it there)
-    status = x_socket.stat()
-    folder.inform_watcher(f"FILE {status.st_ino}.{int(status.st_mtime)} {x_socket}")
+    # A display of the same number that ends at this moment takes it away; clients connect without.
+    with contextlib.suppress(FileNotFoundError):
+        status = x_socket.stat()
+        folder.inform_watcher(f"FILE {status.st_ino}.{int(status.st_mtime)} {x_socket}")
     return {"DISPLAY": f":{display}", "XAUTHORITY": str(authority)}
 
 

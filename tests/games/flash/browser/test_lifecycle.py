@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from marl_cair.games.flash.browser import launching
 from marl_cair.games.flash.browser import server as server_module
 from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 from marl_cair.games.flash.browser.server import FlashServer
@@ -41,6 +42,20 @@ def make_server():
     for server in servers:
         server.close()
         wait_until(lambda folder=server._folder.path: not list_traces(folder))
+
+
+def test_a_display_whose_file_is_taken_away_is_used(make_server, monkeypatch):
+    """As by a display of the same number that ends at this moment."""
+
+    class TakenAway(type(Path())):
+        def stat(self, **options):
+            self.unlink()
+            return super().stat(**options)
+
+    monkeypatch.setattr(launching, "Path", TakenAway)
+    server = make_server(transport="vnc")
+    assert not Path(f"/tmp/.X11-unix/X{server._display['DISPLAY'][1:]}").exists()  # noqa: S108
+    assert server.step() is not None
 
 
 def list_traces(folder):

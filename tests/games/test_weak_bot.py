@@ -65,7 +65,7 @@ def test_other_strengths_are_refused(name):
 
 
 def test_strengths_are_names_that_are_not_listed():
-    assert "rusher@0.25" in GAME.bots
+    assert GAME.bot("rusher@0.30", SCENARIO).name == "rusher@0.30"
     assert not any("@" in name for name in GAME.bots)
     assert list_strengths("random") == ["random"]
     names = list_strengths("rusher")

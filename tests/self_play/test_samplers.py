@@ -62,15 +62,15 @@ def test_latest_and_bots_take_no_other_opponent():
 
 
 def test_a_curriculum_takes_each_bot_at_the_lowest_strength_that_is_not_beaten():
-    names = ("latest", "a@0.1", "a@0.5", "a", "b@0.1", "b@0.5", "b", "random", "s0")
-    rates = [0.5, 0.9, 0.6, 0.1, 0.9, 0.8, 0.75, 0.5, 0.0]
+    names = ("latest", "a@0.5", "a", "a@0.1", "b@0.1", "b@0.5", "b", "random", "s0")
+    rates = [0.5, 0.6, 0.1, 0.9, 0.9, 0.8, 0.75, 0.5, 0.0]
     kinds = ("learner", *["bot"] * 7, "snapshot")
     met = Standings(np.arange(9), names, kinds, np.array(rates), np.full((9, 9), 0.5))
     third = 1 / 3
-    expected = [0, 0, third, 0, 0, 0, third, third, 0]
+    expected = [0, third, 0, 0, 0, 0, third, third, 0]
     assert SAMPLERS["curriculum"](met, OPTIONS) == pytest.approx(expected)
     # The others take bots at full strength.
-    assert np.flatnonzero(SAMPLERS["bots"](met, OPTIONS)).tolist() == [3, 6, 7]
+    assert np.flatnonzero(SAMPLERS["bots"](met, OPTIONS)).tolist() == [2, 6, 7]
 
 
 def test_bots_that_are_not_beaten_yet_are_played_more_often():

@@ -65,7 +65,7 @@ class BotTable(dict[str, MakeBot]):
 
     def __missing__(self, name: str) -> MakeBot:
         plain, strength = self._split(name)
-        return partial(_make_weak, self[plain], strength)
+        return partial(_make_weak, self[plain], name, strength)
 
     def __contains__(self, name: object) -> bool:
         if super().__contains__(name):
@@ -88,8 +88,10 @@ class BotTable(dict[str, MakeBot]):
         return plain, strength
 
 
-def _make_weak(make: MakeBot, strength: float, scenario: Any, spec: GameSpec) -> WeakBot:
-    return WeakBot(make(scenario, spec), strength, spec.noop_action)
+def _make_weak(make: MakeBot, name: str, strength: float, scenario: Any, spec: GameSpec) -> WeakBot:
+    weak = WeakBot(make(scenario, spec), strength, spec.noop_action)
+    weak.name = name  # as it was asked for: 0.30 and 0.3 are the same strength
+    return weak
 
 
 def read_strength(name: str) -> float:

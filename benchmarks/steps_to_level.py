@@ -74,13 +74,13 @@ def main() -> None:
     parser.add_argument("--plan", type=Path, default=PLAN, help="of the figure")
     parser.add_argument("--figure", type=Path, help="a .png or .pdf file to draw")
     args = parser.parse_args()
+    tasks = read_runs(args.looks, args.factor)
     if args.figure:
-        tasks = read_runs(args.looks, args.factor)
         runs = [run for choices in tasks.values() for own in choices.values() for run in own]
         draw_results(read_plan(args.plan), runs, [], args.figure)
     print("| task | choice | seeds | strength | steps | ratio | never |")
     print("|---|---|---|---|---|---|---|")
-    for task, choices in read_runs(args.looks, args.factor).items():
+    for task, choices in tasks.items():
         strengths = {name: [*map(rate_strength, runs)] for name, runs in choices.items()}
         controls = [name for name in args.controls if name in strengths]
         best = max(controls, key=lambda name: np.mean(strengths[name]))
@@ -93,11 +93,8 @@ def main() -> None:
         for name, own in steps.items():
             ratio = "1 (control)" if name == best else with_interval(own, steps[best])
             shown = with_interval(strengths[name]), with_interval(own, form=",.0f")
-            print(
-                "| "
-                + " | ".join([task, name, str(len(own)), *shown, ratio, str(never[name])])
-                + " |"
-            )
+            cells = task, name, str(len(own)), *shown, ratio, str(never[name])
+            print("| " + " | ".join(cells) + " |")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from marl_cair.games.players.weak_bot import SEPARATOR, read_strength
+from marl_cair.games.players.weak_bot import split_name
 from marl_cair.lookup import LazyTable, check_name
 from marl_cair.outside import OutsideCodeError
 from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Pool
@@ -50,7 +50,7 @@ class Standings(NamedTuple):
     @property
     def bots(self) -> NDArray[np.int64]:
         """Indices of the bots at full strength."""
-        return np.array([i for i in self.all_bots if SEPARATOR not in self.names[i]], int)
+        return np.array([i for i in self.all_bots if split_name(self.names[i])[1] == 1], int)
 
     @property
     def pool(self) -> NDArray[np.int64]:
@@ -114,9 +114,9 @@ def curriculum(standings: Standings, options: SamplerOptions) -> Probabilities:
 
 def find_unbeaten(standings: Standings) -> dict[str, int]:
     """By bot: the index of its lowest strength that is not beaten yet, or of its full strength."""
-    strengths, names = dict[str, list[int]](), standings.names
-    for index in sorted(standings.all_bots.tolist(), key=lambda i: read_strength(names[i])):
-        strengths.setdefault(names[index].partition(SEPARATOR)[0], []).append(index)
+    strengths, names = dict[str, list[int]](), [split_name(name) for name in standings.names]
+    for index in sorted(standings.all_bots.tolist(), key=lambda i: names[i][1]):
+        strengths.setdefault(names[index][0], []).append(index)
     return {
         bot: next((i for i in indices if standings.win_rate[i] < BEATEN), indices[-1])
         for bot, indices in strengths.items()

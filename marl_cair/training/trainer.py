@@ -11,7 +11,7 @@ from tensordict import TensorDict, TensorDictBase
 from tqdm import tqdm
 
 from marl_cair.checkpoint import save_tensors
-from marl_cair.games.players.weak_bot import SEPARATOR
+from marl_cair.games.players.weak_bot import split_name
 from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load
@@ -274,7 +274,7 @@ def _summarise(row: dict[str, float]) -> str:
     shown = [f"loss {row['loss/all']:.4f}"] if "loss/all" in row else []
     for name, value in row.items():
         kind, _, player = name.partition("/")
-        is_weak = SEPARATOR in player  # there may be dozens
+        is_weak = split_name(player)[1] < 1  # there may be dozens
         if kind in ("win_rate", "collect_win_rate") and "/" not in player and not is_weak:
             shown.append(f"{player} {value:.0%}")
     for name, value in row.items():

@@ -76,7 +76,7 @@ def test_strengths_are_names_that_are_not_listed():
 
 def test_a_recurrent_bot_keeps_its_states():
     """Also in decisions in which it does nothing."""
-    weak = WeakBot(Counting(), 0.5, noop=0)
+    weak = WeakBot(Counting(), "counting@0.5", 0.5, noop=0)
     seen, mask = np.zeros((50, 1), np.float32), np.ones((50, 4), np.bool_)
     states, played = np.zeros((50, weak.state_size), np.float32), []
     for _ in range(4):

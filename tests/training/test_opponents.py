@@ -7,6 +7,7 @@ from collections import defaultdict
 import numpy as np
 import pytest
 
+from marl_cair.games import GAMES
 from marl_cair.games.players.weak_bot import STRENGTHS, list_strengths
 from marl_cair.games.torchrl_env import LastStep
 from marl_cair.league.agents.foreign import ForeignAgentError
@@ -16,7 +17,7 @@ from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.self_play.pool import FIRST_NUMBERS, FOREIGN, SNAPSHOT
 from marl_cair.self_play.samplers import LATEST_ID
 from marl_cair.training.collecting.metrics import Decisions, find_meetings
-from marl_cair.training.collecting.opponents import Meeting
+from marl_cair.training.collecting.opponents import Meeting, make_bots
 from marl_cair.training.collecting.seats import find_met
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import OpponentSettings
@@ -50,6 +51,18 @@ def test_a_curriculum_makes_the_bots_stronger_as_they_are_beaten(tmp_path):
         assert set(run.book.draw(200, beaten + 1)) & {*quits} == {quits[beaten + 1]}
         strength = run.book.report(beaten + 1)["curriculum/quitter"]
         assert strength == [*STRENGTHS, 1][beaten + 1]
+
+
+def test_bots_have_one_order_in_every_process():
+    """Sets of names have another in each: their numbers in the pool are saved with a run."""
+    game = GAMES["deep_line_wars"]
+    scenario = game.scenario("11x11")
+    listed = [*game.bots]
+    for names in ({*listed}, {"bots", *listed[:2]}):
+        assert [bot.name for bot in make_bots(names, game, scenario)] == listed
+    weak = {f"{listed[0]}@0.{digit}" for digit in range(9, 0, -1)}
+    made = [bot.name for bot in make_bots({*weak, *listed[1:3]}, game, scenario)]
+    assert made == [*listed[1:3], *sorted(weak)]
 
 
 # --- outcomes --------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from marl_cair.cli import match_options as shared
 from marl_cair.cli.parser import Parser
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
-from marl_cair.games.players.weak_bot import SEPARATOR
+from marl_cair.games.players.weak_bot import split_name
 from marl_cair.lookup import find_by_name
 
 INSTALL = "install"
@@ -58,8 +58,8 @@ def write_game(
     source = opponent or choose_opponent(game, scenario, fields)
     bot = source.removeprefix(f"{game.name}/")
     is_bot = bot in game.bots and not Path(source).is_dir()
-    if is_bot and SEPARATOR in bot:
-        plain = bot.partition(SEPARATOR)[0]
+    plain, strength = split_name(bot)
+    if is_bot and strength < 1:
         raise ValueError(f"the opponent is {bot!r}, but a page has full bots only: choose {plain}")
     agents = [] if is_bot else [source]
     _, name, trained = find_scenario(agents, game.name, scenario)

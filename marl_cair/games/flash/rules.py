@@ -255,12 +255,11 @@ def _read(
         worlds.score[row] = find_value(reported, described.score)
     else:
         worlds.score[row] += browsers.scenario.ticks_per_step
-    num_players = len(described.keys)
-    for player in range(num_players):
-        worlds.numbers[row, player] = [
-            _read_number(reported, number, is_second=2 * player >= num_players > 1)
-            for number in described.numbers
-        ]
+    numbers = described.numbers
+    worlds.numbers[row] = [_read_number(reported, one, is_second=False) for one in numbers]
+    if half := len(described.keys) // 2:
+        second = [_read_number(reported, one, is_second=True) for one in numbers]
+        worlds.numbers[row, -half:] = second
     small = picture if browsers.picture == SMALL else shrink(picture)
     worlds.picture[row] = small.transpose(2, 0, 1)
     worlds.film[row, :-1] = worlds.film[row, 1:]

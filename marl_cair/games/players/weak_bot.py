@@ -14,7 +14,7 @@ from marl_cair.games.players.random_player import RANDOM
 if TYPE_CHECKING:
     from marl_cair.games.game import Agent, GameSpec
 
-SEPARATOR = "@"
+_SEPARATOR = "@"
 STRENGTHS = 0.02, 0.05, 0.1, 0.2, 0.4, 0.7  # of the sampler `curriculum`, beside 1
 
 MakeBot = Callable[[Any, "GameSpec"], "Agent"]
@@ -27,13 +27,13 @@ class WeakBot:
 
     Args:
         bot: any agent, also a recurrent one.
+        name: as it was asked for.
         strength: the share, above 0 and below 1.
         noop: the action that does nothing.
     """
 
-    def __init__(self, bot: Agent, strength: float, noop: int) -> None:
-        self._bot, self._strength, self._noop = bot, strength, noop
-        self.name = f"{bot.name}{SEPARATOR}{strength:g}"
+    def __init__(self, bot: Agent, name: str, strength: float, noop: int) -> None:
+        self._bot, self.name, self._strength, self._noop = bot, name, strength, noop
         self.representation = bot.representation
         self.state_size: int = getattr(bot, "state_size", 0)
         self._rng = np.random.default_rng(0)
@@ -64,42 +64,30 @@ class BotTable(dict[str, MakeBot]):
     """
 
     def __missing__(self, name: str) -> MakeBot:
-        plain, strength = self._split(name)
+        plain, strength = split_name(name)
+        if strength == 1:
+            raise KeyError(name)
         return partial(_make_weak, self[plain], name, strength)
 
     def __contains__(self, name: object) -> bool:
-        if super().__contains__(name):
-            return True
-        try:
-            self._split(name)
-        except KeyError:
-            return False
-        return True
-
-    def _split(self, name: object) -> tuple[str, float]:
-        """A plain name and a strength. Raises KeyError."""
-        plain, _, written = str(name).partition(SEPARATOR)
-        try:
-            strength = float(written)
-        except ValueError:
-            raise KeyError(name) from None
-        if not super().__contains__(plain) or not 0 < strength < 1:
-            raise KeyError(name)
-        return plain, strength
+        return isinstance(name, str) and super().__contains__(split_name(name)[0])
 
 
 def _make_weak(make: MakeBot, name: str, strength: float, scenario: Any, spec: GameSpec) -> WeakBot:
-    weak = WeakBot(make(scenario, spec), strength, spec.noop_action)
-    weak.name = name  # as it was asked for: 0.30 and 0.3 are the same strength
-    return weak
+    return WeakBot(make(scenario, spec), name, strength, spec.noop_action)
 
 
-def read_strength(name: str) -> float:
-    """The strength in a bot's name, 1 where there is none."""
-    return float(name.partition(SEPARATOR)[2] or 1)
+def split_name(name: str) -> tuple[str, float]:
+    """A bot's plain name and its strength, 1 where the name has none."""
+    plain, _, written = name.partition(_SEPARATOR)
+    try:
+        strength = float(written)
+    except ValueError:
+        return name, 1.0
+    return (plain, strength) if 0 < strength < 1 else (name, 1.0)
 
 
 def list_strengths(bot: str) -> list[str]:
     """The names of a bot at all strengths, weakest first; of `random` none but its own."""
-    weak = [] if bot == RANDOM else [f"{bot}{SEPARATOR}{strength:g}" for strength in STRENGTHS]
+    weak = [] if bot == RANDOM else [f"{bot}{_SEPARATOR}{strength:g}" for strength in STRENGTHS]
     return [*weak, bot]

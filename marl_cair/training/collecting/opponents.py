@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from marl_cair.checkpoint import LIVE_FOLDER, AgentDescription, save_agent
 from marl_cair.games.game import Agent, Game
-from marl_cair.games.players.weak_bot import list_strengths, read_strength
+from marl_cair.games.players.weak_bot import list_strengths, split_name
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.agents.mixtures import is_mixture, read_mixture
 from marl_cair.league.play.arena import Load
@@ -23,13 +23,7 @@ from marl_cair.replay.transition import NO_OPPONENT
 from marl_cair.self_play import samplers
 from marl_cair.self_play.live_rating import LiveRating
 from marl_cair.self_play.pool import BOT, FOREIGN, LIVE, SNAPSHOT, Member, Pool
-from marl_cair.self_play.samplers import (
-    BOTS,
-    CURRICULUM,
-    LATEST_ID,
-    PFSP_BOTS,
-    SamplerOptions,
-)
+from marl_cair.self_play.samplers import BOTS, CURRICULUM, LATEST_ID, PFSP_BOTS, SamplerOptions
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.self_play.win_rates import EVEN, OPPONENT, BettingTest, WinRecords
 from marl_cair.training.settings.checks import require
@@ -227,10 +221,10 @@ class OpponentBook:
         the strength of each bot in a curriculum.
         """
         row, snapshots = self.live_rating.report(), self.pool.snapshots
-        if CURRICULUM in self.settings.find_names() and not self.is_alone:
+        if CURRICULUM in self.settings.find_names():
             standings = samplers.read_standings(self.pool, self.records, frames)
             for bot, index in samplers.find_unbeaten(standings).items():
-                row[f"curriculum/{bot}"] = read_strength(standings.names[index])
+                row[f"curriculum/{bot}"] = split_name(standings.names[index])[1]
         if not snapshots:
             return row
         lowest = min(self.records.estimate(kept.number, frames) for kept in snapshots)
@@ -316,12 +310,10 @@ def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:
     made: list[Agent] = []
     refused: ValueError | None = None
     all_of = [name for name in (BOTS, PFSP_BOTS, CURRICULUM) if name in names]
-    wanted = dict.fromkeys(name for name in names if name in game.bots)
-    if CURRICULUM in names:
-        wanted |= dict.fromkeys(chain.from_iterable(map(list_strengths, game.bots)))
-    elif all_of:
-        wanted |= dict.fromkeys(game.bots)
-    for name in wanted:
+    listed = [*chain(*map(list_strengths, game.bots))] if CURRICULUM in names else [*game.bots]
+    # In one order in every process: sets of names have another in each.
+    weak = sorted(name for name in names if name in game.bots and name not in listed)
+    for name in [*(listed if all_of else filter(names.__contains__, listed)), *weak]:
         try:
             made.append(game.bot(name, scenario))
         except ValueError as error:

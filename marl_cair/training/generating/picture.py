@@ -14,9 +14,11 @@ from marl_cair.files import atomic_path
 from marl_cair.games.game import Representation
 
 PICTURE_FILE = "generator.png"  # in a run's folder
+PREDICTION_ROWS = "before", "after", "predicted", "wrong"
 NUM_DRAWN = 6  # transitions, one in each column
 _LEAST_SIDE = 126  # pixels of a board
-_GAP = 6
+_GAP, _GREY = 6, 64
+_MARGIN, _LETTERS = 100, 14  # pixels of the names of rows, and of their letters
 
 
 def draw_predictions(
@@ -33,7 +35,7 @@ def draw_predictions(
     shown = seen.shape[0] - seen.num_uniform
     planes = [observation[:, :shown].numpy() for observation in observations]
     boards = [paint(seen, static_planes, values) for values in planes]
-    save_rows(path, [*boards, paint_difference(*planes[1:])])
+    save_rows(path, PREDICTION_ROWS, [*boards, paint_difference(*planes[1:])])
 
 
 def draw_progress(
@@ -42,14 +44,15 @@ def draw_progress(
     static_planes: Sequence[int],
     before: Tensor,
     after: Tensor,
-    guesses: Sequence[Tensor],
+    guesses: Mapping[str, Tensor],
 ) -> None:
-    """Write a PNG of the thesis's figure: rows of states, true next states, and predicted ones in
-    the order of training. A column is a transition; arrays as in `draw_predictions`.
+    """Write a PNG of the thesis's figure: rows of states, true next states, and predicted ones by
+    name, in the order of training. A column is a transition; arrays as in `draw_predictions`.
     """
     shown = seen.shape[0] - seen.num_uniform
-    rows = [one[:, :shown].numpy() for one in (before, after, *guesses)]
-    save_rows(path, [paint(seen, static_planes, values) for values in rows])
+    rows = {"before": before, "after": after, **guesses}
+    boards = [paint(seen, static_planes, one[:, :shown].numpy()) for one in rows.values()]
+    save_rows(path, list(rows), boards)
 
 
 def draw_losses(path: str | os.PathLike[str], rows: Sequence[Mapping[str, float]]) -> None:
@@ -75,14 +78,21 @@ def draw_losses(path: str | os.PathLike[str], rows: Sequence[Mapping[str, float]
         figure.savefig(unfinished, dpi=130)
 
 
-def save_rows(path: str | os.PathLike[str], boards: Sequence[NDArray[np.uint8]]) -> None:
-    """Write rows of pictures, uint8 [N, H, W, 3] each, as one PNG."""
-    from PIL import Image
+def save_rows(
+    path: str | os.PathLike[str], names: Sequence[str], boards: Sequence[NDArray[np.uint8]]
+) -> None:
+    """Write rows of pictures, uint8 [N, H, W, 3] each, as one PNG, their names on the left."""
+    from PIL import Image, ImageDraw, ImageFont
 
     scale = -(-_LEAST_SIDE // max(boards[0].shape[1:3]))
     rows = [np.concatenate([_frame(board, scale) for board in row], 1) for row in boards]
+    table = np.pad(np.concatenate(rows), ((0, 0), (_MARGIN, 0), (0, 0)), constant_values=_GREY)
+    image, font = Image.fromarray(table), ImageFont.load_default(_LETTERS)
+    for row, name in enumerate(names):
+        middle = _MARGIN / 2, (row + 0.5) * len(rows[0])
+        ImageDraw.Draw(image).text(middle, name, "white", font, anchor="mm")
     with atomic_path(path) as unfinished:
-        Image.fromarray(np.concatenate(rows)).save(unfinished)
+        image.save(unfinished)
 
 
 def paint(
@@ -114,4 +124,4 @@ def _colour(values: NDArray[np.float64], colours: NDArray[np.float64]) -> NDArra
 
 def _frame(board: NDArray[np.uint8], scale: int) -> NDArray[np.uint8]:
     large = board.repeat(scale, 0).repeat(scale, 1)
-    return np.pad(large, ((_GAP, 0), (_GAP, 0), (0, 0)), constant_values=64)
+    return np.pad(large, ((_GAP, 0), (_GAP, 0), (0, 0)), constant_values=_GREY)

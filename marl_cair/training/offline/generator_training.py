@@ -166,7 +166,7 @@ class _Training:
                 self.chains = quality.find_chains(data.heldout, length, OPEN_LOOP_ROWS)
         changed = (self.heldout["observation"] != self.heldout[NEXT_OBSERVATION]).flatten(1).any(1)
         self.drawn = self.heldout[changed.nonzero()[:NUM_DRAWN, 0]]
-        self.guesses: list[tuple[str, torch.Tensor]] = []
+        self.guesses: list[torch.Tensor] = []
 
     def run(self) -> Iterator[dict[str, float]]:
         settings, data = self.settings, self.data
@@ -211,8 +211,7 @@ class _Training:
         if len(self.chains):
             held, imagine = self.data.heldout, self.imagine
             numbers |= quality.measure_open_loop(held, self.chains, imagine, self.about)
-        guess = self.imagine(self.drawn).observation
-        self.guesses.append((f"{len(self.guesses) + 1}", guess))
+        self.guesses.append(self.imagine(self.drawn).observation)
         return {**numbers, "speed/rows_per_processor_second": len(self.heldout) / max(spent, 1e-9)}
 
     @property
@@ -227,13 +226,14 @@ class _Training:
         files.write_atomically(self.folder / QUALITY_FILE, format_rows(numbers))
         draw_losses(self.folder / CURVE_FILE, losses)
         if len(self.seen.shape) == 3:
+            names = [f"{row['update']:.0f} updates" for row in numbers]
             draw_progress(
                 self.folder / PICTURE_FILE,
                 self.seen,
                 self.spec.static_planes,
                 self.drawn["observation"],
                 self.drawn[NEXT_OBSERVATION],
-                [guess for _, guess in self.guesses],
+                dict(zip(names, self.guesses, strict=True)),
             )
 
 

@@ -34,6 +34,7 @@ from marl_cair.training.offline.generator_training import KIND, describe_game, r
 from marl_cair.training.settings.config_file import learned_fields, load_config
 
 STRIP, MOST_COLUMNS = ".png", 17  # steps that a strip shows
+STRIP_ROWS = "real", "imagined", "different"
 SIDE = 300  # pixels of a board's longer side, about
 _MARGIN, _LINE = 10, 18
 _BACKGROUND, _INK, _FAINT = (24, 24, 28), (240, 240, 240), (150, 150, 160)
@@ -235,7 +236,7 @@ def film_generator(
     moments = watch_steps(watched, agents, num_open, seed)
     if suffix == STRIP:
         shown = list(islice(moments, min(num_open, MOST_COLUMNS)))
-        save_rows(to, _paint_boards(watched, shown))
+        save_rows(to, STRIP_ROWS, _paint_boards(watched, shown))
         return len(shown)
     frames = (draw_moment(watched, moment) for moment in islice(moments, num_steps))
     return WRITERS[suffix](to, frames, fps)

@@ -7,6 +7,8 @@ from PIL import Image
 from marl_cair.games import GAMES
 from marl_cair.training.generating.picture import draw_predictions
 
+MARGIN = 100  # pixels of the rows' names
+
 
 def draw(path, scenario, representation, change):
     """Draw two empty transitions; `change` differs in the prediction of the second."""
@@ -18,7 +20,7 @@ def draw(path, scenario, representation, change):
     predicted[(1, *change)] = 255
     static = spec.static_planes if representation == "planes" else ()
     draw_predictions(path, seen, static, empty, empty, predicted)
-    return np.asarray(Image.open(path))
+    return np.asarray(Image.open(path))[:, MARGIN:]
 
 
 def test_a_wrong_cell_is_white_in_the_last_row_alone(tmp_path):

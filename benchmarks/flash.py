@@ -163,23 +163,26 @@ def print_engines(seconds: float, instances: Sequence[int]) -> None:
     )
     print("|---|---|---|---|---|")
     rng = np.random.default_rng(0)
-    for scenario in ("multitask", "duel"):
+    for scenario, seen in (("multitask", "gray_stack"), ("duel", "gray_stack"), ("duel", "vector")):
         for count in instances:
-            engine = marl_cair.make_engine("flash", scenario, num_worlds=count)
+            options = {"num_worlds": count, "pictures": seen != "vector"}
+            engine = marl_cair.make_engine("flash", scenario, **options)
             engine.reset(np.arange(count, dtype=np.uint64))
-            out = engine.observe("gray_stack")
+            out = engine.observe(seen)
 
-            def step(number: int, engine: BatchedEngine = engine, out: Any = out) -> None:
+            def step(
+                number: int, engine: BatchedEngine = engine, seen: str = seen, out: Any = out
+            ) -> None:
                 engine.step(rng.integers(engine.num_actions, size=out.shape[:2]))
                 done = engine.terminated | engine.truncated
                 if done.any():
                     seeds = np.full(len(done), number, np.uint64)
                     engine.reset(seeds, done)
-                engine.observe("gray_stack", out=out)
+                engine.observe(seen, out=out)
 
             row = measure(step, seconds, count)
             memory = measure_memory()
-            print(f"| {scenario}, worlds: {count} | {row} | {memory:,.0f} MiB |", flush=True)
+            print(f"| {scenario}, {seen}, {count} worlds | {row} | {memory:,.0f} MiB |", flush=True)
             engine.close()
             close_spare_browsers()
 

@@ -27,13 +27,15 @@ def make_spec(scenario: Scenario) -> GameSpec:
     width, height = described.size
     luma = tuple(f"luma {age} steps ago" for age in range(NUM_FRAMES - 1, 0, -1))
     frames: tuple[Any, ...] = (*luma, "luma"), (SIDE, SIDE), rules.observe_gray
-    shown = [
-        package.show_board("planes", *frames, num_frames=NUM_FRAMES),  # every game has some
-        package.show_board("gray_stack", *frames, num_frames=NUM_FRAMES),
-        package.show_gray(SIDE, rules.observe_gray),
-        package.show_board("rgb84", ("red", "green", "blue"), (SIDE, SIDE), rules.observe_small),
-        package.show_picture(height, width, rules.observe_image),
-    ]
+    shown = [package.show_picture(height, width, rules.observe_image)]
+    if scenario.pictures:
+        colours = ("red", "green", "blue")
+        shown += [
+            package.show_board("planes", *frames, num_frames=NUM_FRAMES),  # every game has some
+            package.show_board("gray_stack", *frames, num_frames=NUM_FRAMES),
+            package.show_gray(SIDE, rules.observe_gray),
+            package.show_board("rgb84", colours, (SIDE, SIDE), rules.observe_small),
+        ]
     if described.numbers:
         names, low, high, _ = zip(*described.numbers, strict=True)
         last = float(max(1, len(described.keys) - 1))

@@ -84,6 +84,21 @@ def close_spare_browsers() -> None:
 atexit.register(close_spare_browsers)
 
 
+def scenario_picture(scenario: Scenario, described: Description) -> tuple[int, int] | None:
+    """Width and height of the picture that each step brings, None for no picture.
+
+    Raises ValueError if the game's rewards or its end are read from pictures that are off.
+    """
+    if scenario.pictures:
+        return described.size if described.reads_pixels else SMALL
+    if described.reads_pixels:
+        raise ValueError(
+            f"flash: pictures is False, but the score or the end of {scenario.description} is read "
+            "from pictures: set it to True"
+        )
+    return None
+
+
 class Browsers:
     """The browsers of an engine, one for each world, each taken when its first game begins."""
 
@@ -91,7 +106,7 @@ class Browsers:
         self.scenario, self.described = scenario, find_description(scenario.description)
         self.actions = list_actions(self.described, scenario.actions)
         self.ending = EndReader(self.described)
-        self.picture = self.described.size if self.described.reads_pixels else SMALL
+        self.picture = scenario_picture(scenario, self.described)
         self._kind = self.described, scenario.transport
         self._servers: dict[int, FlashServer] = {}
 
@@ -149,7 +164,7 @@ def reset(
             worlds.film[row] = worlds.film[row, -1]
 
 
-def _start(browsers: Browsers, slot: int, seed: int) -> NDArray[np.uint8]:
+def _start(browsers: Browsers, slot: int, seed: int) -> NDArray[np.uint8] | None:
     """The first picture of a game; a browser that fails is replaced by another one."""
     for _ in range(MOST_FAILURES):
         try:
@@ -160,7 +175,7 @@ def _start(browsers: Browsers, slot: int, seed: int) -> NDArray[np.uint8]:
     return _begin(browsers, browsers.server(slot), seed)
 
 
-def _begin(browsers: Browsers, server: FlashServer, seed: int) -> NDArray[np.uint8]:
+def _begin(browsers: Browsers, server: FlashServer, seed: int) -> NDArray[np.uint8] | None:
     server.reset(seed)
     for item in browsers.described.start:
         if isinstance(item, int):
@@ -169,7 +184,7 @@ def _begin(browsers: Browsers, server: FlashServer, seed: int) -> NDArray[np.uin
         for is_down in (True, False):
             event = KeyEvent(item, is_down) if isinstance(item, str) else MouseEvent(*item, is_down)
             server.step(1, [event], picture=None)
-    return _shown(server.step(1, picture=browsers.picture))
+    return server.step(1, picture=browsers.picture)
 
 
 def _shown(picture: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
@@ -227,7 +242,7 @@ def _press(worlds: s.World, browsers: Browsers, row: int, actions: Iterable[int]
 def _advance(worlds: s.World, browsers: Browsers, row: int, outcome: Any) -> None:
     """Write the results of a step that was begun."""
     before = worlds.score[row].copy()
-    picture = _shown(browsers.server(int(worlds.slot[row])).end_step())
+    picture = browsers.server(int(worlds.slot[row])).end_step()
     is_done, winner = _read(worlds, browsers, row, picture)
     worlds.tick[row] += browsers.scenario.ticks_per_step
     if is_done:
@@ -239,7 +254,7 @@ def _advance(worlds: s.World, browsers: Browsers, row: int, outcome: Any) -> Non
 
 
 def _read(
-    worlds: s.World, browsers: Browsers, row: int, picture: NDArray[np.uint8]
+    worlds: s.World, browsers: Browsers, row: int, picture: NDArray[np.uint8] | None
 ) -> tuple[bool, int]:
     """Write what a browser shows and reports to a row: is the game over, and who has won?"""
     described = browsers.described
@@ -248,7 +263,7 @@ def _read(
     if described.callback and reported is None:
         raise FlashError(f"the SWF has no callback {described.callback!r}, or it returned nothing")
     if isinstance(described.score, Region):
-        worlds.score[row] = read_brightness(picture, described.score)
+        worlds.score[row] = read_brightness(_shown(picture), described.score)
     elif described.scores:
         worlds.score[row] = find_value(reported, described.scores)
     elif described.score:
@@ -260,14 +275,15 @@ def _read(
     if half := len(described.keys) // 2:
         second = [_read_number(reported, one, is_second=True) for one in numbers]
         worlds.numbers[row, -half:] = second
-    small = picture if browsers.picture == SMALL else shrink(picture)
-    worlds.picture[row] = small.transpose(2, 0, 1)
-    worlds.film[row, :-1] = worlds.film[row, 1:]
-    worlds.film[row, -1] = find_luma(small)
+    if browsers.picture is not None:
+        small = _shown(picture) if browsers.picture == SMALL else shrink(_shown(picture))
+        worlds.picture[row] = small.transpose(2, 0, 1)
+        worlds.film[row, :-1] = worlds.film[row, 1:]
+        worlds.film[row, -1] = find_luma(small)
     if isinstance(described.done, str):
         is_done = bool(find_value(reported, described.done))
     else:
-        is_done = browsers.ending.is_over(picture)
+        is_done = browsers.ending.is_over(_shown(picture))
     winner = int(find_value(reported, described.winner)) if described.winner else NO_WINNER
     return is_done, winner
 

@@ -32,6 +32,7 @@ class Scenario:
     ticks_per_step: int = 2  # frames of the SWF in one step; keys are held during all of them
     max_ticks: int = 9_000  # time limit in frames
     transport: str = "bridge"  # the page's socket, or in-band over vnc: the same game, slower
+    pictures: bool = True  # False: steps bring none, quicker; `vector` and `image` are left
 
     def __post_init__(self) -> None:
         find_by_name("flash actions", self.actions, dict.fromkeys(ACTIONS))

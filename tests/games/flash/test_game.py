@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from PIL import Image
 from torchrl.envs.utils import check_env_specs
 
 import marl_cair
@@ -60,6 +61,32 @@ def test_both_transports_show_the_same_game():
         shown.append(play(engine, [3], 20))
         engine.close()
     assert shown[0] == shown[1]
+
+
+def test_without_pictures_the_game_is_the_same():
+    shown = []
+    for pictures in (True, False):
+        engine = marl_cair.make_engine("flash", "duel", pictures=pictures)
+        engine.reset(np.array([3], np.uint64))
+        rng, parts = np.random.default_rng(0), []
+        for _ in range(30):
+            engine.step(rng.integers(0, engine.num_actions, (1, 2)))
+            parts += [engine.observe("vector").tobytes(), engine.rewards.tobytes()]
+        shown.append((parts, engine.observe("image").tobytes()))
+        engine.close()
+    assert shown[0] == shown[1]
+    assert set(engine.spec.representations) == {"image", "vector"}
+
+
+def test_pictures_that_end_a_game_cannot_be_left_out(tmp_path):
+    text = (FOLDER / "duel.toml").read_text("utf-8")
+    text = text.replace('"duel.swf"', f'"{FOLDER / "duel.swf"}"')
+    ending = 'done = {picture = "end.png", region = [0, 0, 480, 360]}'
+    own = tmp_path / "own.toml"
+    own.write_text(text.replace('done = "done"', ending), "utf-8")
+    Image.new("RGB", (480, 360)).save(tmp_path / "end.png")
+    with pytest.raises(ValueError, match="pictures is False"):
+        marl_cair.make_engine("flash", "duel", description=str(own), pictures=False)
 
 
 def test_a_recorded_game_is_played_again(tmp_path):

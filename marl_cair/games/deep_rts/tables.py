@@ -141,6 +141,11 @@ class Preset:
         for kind, name in enumerate(UNIT_NAMES):
             self._check_kind(kind, name)
 
+    @property
+    def start_stores(self) -> tuple[int, ...]:
+        """What a player has of each resource at the start."""
+        return self.start_gold, self.start_lumber, self.start_stone, self.start_oil
+
     def _check_kind(self, kind: int, name: str) -> None:
         for field, (low, high) in _RANGES.items():
             value = getattr(self, field)[kind]

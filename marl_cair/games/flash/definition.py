@@ -27,10 +27,10 @@ def make_spec(scenario: Scenario) -> GameSpec:
     width, height = described.size
     luma = tuple(f"luma {age} steps ago" for age in range(NUM_FRAMES - 1, 0, -1))
     frames: tuple[Any, ...] = (*luma, "luma"), (SIDE, SIDE), rules.observe_gray
-    shown = [package.show_picture(height, width, rules.observe_image)]
+    shown = []  # scripted players see the first
     if scenario.pictures:
-        colours = ("red", "green", "blue")
-        shown += [
+        colours = "red", "green", "blue"
+        shown = [
             package.show_board("planes", *frames, num_frames=NUM_FRAMES),  # every game has some
             package.show_board("gray_stack", *frames, num_frames=NUM_FRAMES),
             package.show_gray(SIDE, rules.observe_gray),
@@ -39,11 +39,9 @@ def make_spec(scenario: Scenario) -> GameSpec:
     if described.numbers:
         names, low, high, _ = zip(*described.numbers, strict=True)
         last = float(max(1, len(described.keys) - 1))
-        shown.append(
-            package.show_numbers(
-                "vector", ("player", *names), (last, *high), rules.observe_numbers, (0.0, *low)
-            )
-        )
+        values = ("player", *names), (last, *high), rules.observe_numbers, (0.0, *low)
+        shown.append(package.show_numbers("vector", *values))
+    shown.append(package.show_picture(height, width, rules.observe_image))
     return package.make_plain_spec(
         tuple(action.name for action in rules.list_actions(described, scenario.actions)),
         num_players=len(described.keys),

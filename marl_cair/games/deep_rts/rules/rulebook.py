@@ -92,6 +92,7 @@ class Rules(NamedTuple):
     goal: int
     goal_amount: int
     tile_pixels: int
+    wealth: int
     ticks_per_step: int
     max_ticks: int
     shaping: float
@@ -115,7 +116,7 @@ def make_rules(scenario: Scenario) -> Rules:
         **_own_views(scenario.rows, scenario.columns),
         start=np.array(
             (
-                *(preset.start_gold, preset.start_lumber, preset.start_stone, preset.start_oil),
+                *preset.start_stores,
                 *(scenario.army or (0,) * t.NUM_MOBILE_KINDS),
             ),
             np.int32,

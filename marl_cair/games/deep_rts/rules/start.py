@@ -49,8 +49,10 @@ def reset_world(world: Any, rules: Any, seed: Any) -> None:
 def settle_player(world: Any, rules: Any, player: int) -> None:
     """Fill the player's store; place its base or army around its spawn."""
     world.players[player, s.IS_ALIVE] = True
+    wealth = 1 + number_below(mix(~world.seed[0]), rules.wealth)
     for resource in range(t.NUM_RESOURCES):
-        world.players[player, s.RESOURCES + resource] = rules.start[rb.START_RESOURCES + resource]
+        store = wealth * rules.start[rb.START_RESOURCES + resource]
+        world.players[player, s.RESOURCES + resource] = store
     is_army = False
     for kind in range(t.NUM_MOBILE_KINDS):
         is_army = is_army or rules.start[rb.START_ARMY + kind] > 0

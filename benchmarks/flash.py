@@ -165,8 +165,8 @@ def print_engines(seconds: float, instances: Sequence[int]) -> None:
     rng = np.random.default_rng(0)
     for scenario, seen in (("multitask", "gray_stack"), ("duel", "gray_stack"), ("duel", "vector")):
         for count in instances:
-            options = {"num_worlds": count, "pictures": seen != "vector"}
-            engine = marl_cair.make_engine("flash", scenario, **options)
+            transport = "numbers" if seen == "vector" else "bridge"
+            engine = marl_cair.make_engine("flash", scenario, num_worlds=count, transport=transport)
             engine.reset(np.arange(count, dtype=np.uint64))
             out = engine.observe(seen)
 

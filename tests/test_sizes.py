@@ -8,13 +8,13 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_490,
+    "games": 21_500,
     "policies": 2_410,
     "replay": 2_290,
     "generative": 2_960,
     "self_play": 1_010,
     "league": 8_060,
-    "training": 7_375,
+    "training": 7_380,
     "experiments": 1_620,
     "viewer": 720,
     "window": 2_440,

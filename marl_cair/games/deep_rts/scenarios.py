@@ -40,7 +40,6 @@ _RANGES = (
     ("num_players", 1, t.MAX_PLAYERS),
     ("tile_pixels", 1, 32),
     ("unit_capacity", 0, t.MAX_UNITS),
-    ("wealth", 1, 100),
     ("goal_amount", 0, 1_000_000),
 )
 MAPS_OF_A_SET = 64  # of a set of maps, one is drawn for each game
@@ -70,7 +69,6 @@ class Scenario:
     max_ticks: int = 10_000  # time limit
     tile_pixels: int = 8  # pixels along a tile of the representation `image`, at most 32
     unit_capacity: int = 0  # units of a player; 0 = a quarter of the cells, at most 200
-    wealth: int = 1  # each game multiplies all stores of its start by a number of 1..wealth
 
     def __post_init__(self) -> None:
         checks.check_time("deep_rts", self)

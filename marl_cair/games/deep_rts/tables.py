@@ -107,6 +107,7 @@ class Preset:
     start_lumber: int = 750
     start_stone: int = 0
     start_oil: int = 0
+    wealth: int = 1  # each game multiplies its start's stores by a number in 1..wealth
     start_food: int = 1  # without any building
     food_limit: int = 100
     harvest_ticks: int = 6  # for one unit of a resource
@@ -138,6 +139,8 @@ class Preset:
                 )
                 value = min(value)
             require(value >= 0, f"{name} is {value}, it must not be negative")
+        most = MAX_RESOURCE // max(1, *self.start_stores)
+        require(1 <= self.wealth <= most, f"wealth is {self.wealth}, allowed are 1..{most}")
         for kind, name in enumerate(UNIT_NAMES):
             self._check_kind(kind, name)
 
@@ -255,3 +258,4 @@ PRESETS = {
         starts_with_hall=True,
     ),
 }
+PRESETS["wealthy"] = replace(PRESETS["balanced"], wealth=10)

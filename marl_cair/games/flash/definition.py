@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from marl_cair.games import game_package as package
 from marl_cair.games.flash import bots, rules
 from marl_cair.games.flash.description import find_description
-from marl_cair.games.flash.scenarios import GYMNASIUM_PREFIX, REWARDS, SCENARIOS, Scenario
+from marl_cair.games.flash.scenarios import GYMNASIUM_PREFIX, NUMBERS, REWARDS, SCENARIOS, Scenario
 from marl_cair.games.flash.state import NUM_FRAMES, SIDE, World, allocate
 from marl_cair.games.game import Game, GameSpec
 
@@ -22,26 +22,35 @@ def make_spec(scenario: Scenario) -> GameSpec:
 
     Raises:
         DescriptionError: of a SWF that cannot be used.
+        ValueError: the transport `numbers`, of a game that needs pictures.
     """
     described = find_description(scenario.description)
     width, height = described.size
     luma = tuple(f"luma {age} steps ago" for age in range(NUM_FRAMES - 1, 0, -1))
     frames: tuple[Any, ...] = (*luma, "luma"), (SIDE, SIDE), rules.observe_gray
-    shown = []  # scripted players see the first
-    if scenario.pictures:
-        colours = "red", "green", "blue"
-        shown = [
-            package.show_board("planes", *frames, num_frames=NUM_FRAMES),  # every game has some
-            package.show_board("gray_stack", *frames, num_frames=NUM_FRAMES),
-            package.show_gray(SIDE, rules.observe_gray),
-            package.show_board("rgb84", colours, (SIDE, SIDE), rules.observe_small),
-        ]
+    shown = [
+        package.show_board("planes", *frames, num_frames=NUM_FRAMES),  # every game has some
+        package.show_board("gray_stack", *frames, num_frames=NUM_FRAMES),
+        package.show_gray(SIDE, rules.observe_gray),
+        package.show_board("rgb84", ("red", "green", "blue"), (SIDE, SIDE), rules.observe_small),
+        package.show_picture(height, width, rules.observe_image),
+    ]
     if described.numbers:
         names, low, high, _ = zip(*described.numbers, strict=True)
         last = float(max(1, len(described.keys) - 1))
-        values = ("player", *names), (last, *high), rules.observe_numbers, (0.0, *low)
-        shown.append(package.show_numbers("vector", *values))
-    shown.append(package.show_picture(height, width, rules.observe_image))
+        shown.append(
+            package.show_numbers(
+                "vector", ("player", *names), (last, *high), rules.observe_numbers, (0.0, *low)
+            )
+        )
+    if scenario.transport == NUMBERS:
+        if described.reads_pixels or not described.numbers:
+            raise ValueError(
+                f"flash: transport is {NUMBERS!r}, which has no pictures, but "
+                f"{scenario.description} reports no numbers, or its score or end is read from "
+                "pictures: take the transport 'bridge'"
+            )
+        shown = shown[-1:]
     return package.make_plain_spec(
         tuple(action.name for action in rules.list_actions(described, scenario.actions)),
         num_players=len(described.keys),

@@ -6,7 +6,7 @@ import atexit
 import logging
 from collections.abc import Iterable
 from itertools import combinations
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from marl_cair.games.flash.description import (
     find_value,
 )
 from marl_cair.games.flash.ending import EndReader
-from marl_cair.games.flash.scenarios import Scenario
+from marl_cair.games.flash.scenarios import NUMBERS, Scenario
 from marl_cair.games.game import NO_WINNER
 
 SMALL = s.SIDE, s.SIDE
@@ -84,21 +84,6 @@ def close_spare_browsers() -> None:
 atexit.register(close_spare_browsers)
 
 
-def scenario_picture(scenario: Scenario, described: Description) -> tuple[int, int] | None:
-    """Width and height of the picture that each step brings, None for no picture.
-
-    Raises ValueError if the game's rewards or its end are read from pictures that are off.
-    """
-    if scenario.pictures:
-        return described.size if described.reads_pixels else SMALL
-    if described.reads_pixels:
-        raise ValueError(
-            f"flash: pictures is False, but the score or the end of {scenario.description} is read "
-            "from pictures: set it to True"
-        )
-    return None
-
-
 class Browsers:
     """The browsers of an engine, one for each world, each taken when its first game begins."""
 
@@ -106,8 +91,13 @@ class Browsers:
         self.scenario, self.described = scenario, find_description(scenario.description)
         self.actions = list_actions(self.described, scenario.actions)
         self.ending = EndReader(self.described)
-        self.picture = scenario_picture(scenario, self.described)
-        self._kind = self.described, scenario.transport
+        self.picture: tuple[int, int] | None = SMALL
+        if self.described.reads_pixels:
+            self.picture = self.described.size
+        self.transport: Transport = "vnc" if scenario.transport == "vnc" else "bridge"
+        if scenario.transport == NUMBERS:
+            self.picture = None
+        self._kind = self.described, self.transport
         self._servers: dict[int, FlashServer] = {}
 
     def server(self, slot: int) -> FlashServer:
@@ -124,7 +114,7 @@ class Browsers:
             described.size,
             described.fps,
             mode="lockstep",
-            transport=cast("Transport", self.scenario.transport),
+            transport=self.transport,
         )
         if described.callback:
             server.watch(described.callback)

@@ -15,7 +15,12 @@ REWARDS = {
     "alive": "0.1 a step and -1 at the end; with several players as `points`",
 }
 ACTIONS = ("keys", "mouse")
-TRANSPORTS = ("bridge", "vnc")
+NUMBERS = "numbers"
+TRANSPORTS = {
+    "bridge": "the page's socket",
+    "vnc": "keys, mouse and pixels over VNC: the same game, slower",
+    NUMBERS: "the page's socket without pictures: the same game, quicker",
+}
 
 
 @dataclass(frozen=True)
@@ -31,13 +36,12 @@ class Scenario:
     reward: str = "points"  # see REWARDS
     ticks_per_step: int = 2  # frames of the SWF in one step; keys are held during all of them
     max_ticks: int = 9_000  # time limit in frames
-    transport: str = "bridge"  # the page's socket, or in-band over vnc: the same game, slower
-    pictures: bool = True  # False: steps bring none, quicker; `vector` and `image` are left
+    transport: str = "bridge"  # see TRANSPORTS
 
     def __post_init__(self) -> None:
         find_by_name("flash actions", self.actions, dict.fromkeys(ACTIONS))
         find_by_name("flash reward", self.reward, REWARDS)
-        find_by_name("flash transport", self.transport, dict.fromkeys(TRANSPORTS))
+        find_by_name("flash transport", self.transport, TRANSPORTS)
         check_time("flash", self)
 
 

@@ -18,7 +18,7 @@ PREDICTION_ROWS = "before", "after", "predicted", "wrong"
 NUM_DRAWN = 6  # transitions, one in each column
 _LEAST_SIDE = 126  # pixels of a board
 _GAP, _GREY = 6, 64
-_MARGIN, _LETTERS = 100, 14  # pixels of the names of rows, and of their letters
+_LETTERS = 14  # pixels of the names of rows
 
 
 def draw_predictions(
@@ -86,10 +86,12 @@ def save_rows(
 
     scale = -(-_LEAST_SIDE // max(boards[0].shape[1:3]))
     rows = [np.concatenate([_frame(board, scale) for board in row], 1) for row in boards]
-    table = np.pad(np.concatenate(rows), ((0, 0), (_MARGIN, 0), (0, 0)), constant_values=_GREY)
-    image, font = Image.fromarray(table), ImageFont.load_default(_LETTERS)
+    font = ImageFont.load_default(_LETTERS)
+    margin = 2 * _GAP + int(max(map(font.getlength, names)))
+    table = np.pad(np.concatenate(rows), ((0, 0), (margin, 0), (0, 0)), constant_values=_GREY)
+    image = Image.fromarray(table)
     for row, name in enumerate(names):
-        middle = _MARGIN / 2, (row + 0.5) * len(rows[0])
+        middle = margin / 2, (row + 0.5) * len(rows[0])
         ImageDraw.Draw(image).text(middle, name, "white", font, anchor="mm")
     with atomic_path(path) as unfinished:
         image.save(unfinished)

@@ -16,7 +16,7 @@ from tests.games.deep_rts.skirmish import draw_actions, play_random
 
 OPTIONS = [
     {},
-    {"fog": True},
+    {"fog": True, "preset": "wealthy"},
     {"preset": "original", "actions": "classic"},
     {"preset": "thesis", "actions": "classic", "ticks_per_step": 1},
     {"actions": "grid", "preset": "original", "fog": True, "unit_capacity": 20},

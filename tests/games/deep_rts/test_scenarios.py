@@ -37,7 +37,6 @@ def test_every_named_scenario_can_be_played(name):
         ("max_ticks", (9, 1_000_001), "10..1000000"),
         ("tile_pixels", (0, 33), "1..32"),
         ("unit_capacity", (-1, 201), "0..200"),
-        ("wealth", (0, 101), "1..100"),
         ("goal_amount", (-1,), "0..1000000"),
         ("shaping_discount", (0.0, -0.5, 1.01), "above 0 and at most 1"),
         ("army", ((1, 2), (0, 0, 0, 0), (1, -1, 0, 0), (1,) * 5), "peasants, footmen, archers"),

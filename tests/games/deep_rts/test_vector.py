@@ -32,7 +32,7 @@ def test_stores_are_bounded_by_what_lies_on_the_ground():
     assert high["own gold"] == 200 + high["gathered gold"]
     assert high["own lumber"] == 100 + 30 * (300 + 7) * 2
     assert high["gathered oil"] == 2 * (300 + 7)
-    assert high_of(wealth=10)["own gold"] == 2000 + high["gathered gold"]
+    assert high_of(preset="wealthy")["own gold"] == 2000 + high["gathered gold"]
     rich = high_of("FFA-6-31x31", preset="original")  # stores hold no more than the rules allow
     assert max(value for name, value in rich.items() if "gold" in name) <= MAX_RESOURCE
 
@@ -84,7 +84,7 @@ def test_a_preset_with_something_free_has_the_bounds_of_its_numbers(monkeypatch)
 
 
 def test_wealth_multiplies_the_first_stores_of_all_players_alike():
-    engine = marl_cair.make_engine("deep_rts", num_worlds=200, wealth=10)
+    engine = marl_cair.make_engine("deep_rts", num_worlds=200, preset="wealthy")
     engine.reset(np.arange(200, dtype=np.uint64))
     seen = dict(zip(VECTOR_NAMES, engine.observe("vector").transpose(2, 0, 1), strict=True))
     gold, lumber = seen["own gold"], seen["own lumber"]

@@ -63,30 +63,32 @@ def test_both_transports_show_the_same_game():
     assert shown[0] == shown[1]
 
 
-def test_without_pictures_the_game_is_the_same():
+def test_the_transport_numbers_shows_the_same_game():
+    """Until the game is over: the winner's reward is in it."""
     shown = []
-    for pictures in (True, False):
-        engine = marl_cair.make_engine("flash", "duel", pictures=pictures)
+    for transport in ("bridge", "numbers"):
+        engine = marl_cair.make_engine("flash", "duel", transport=transport, reward="lead")
         engine.reset(np.array([3], np.uint64))
         rng, parts = np.random.default_rng(0), []
-        for _ in range(30):
+        while not engine.terminated.any():
             engine.step(rng.integers(0, engine.num_actions, (1, 2)))
             parts += [engine.observe("vector").tobytes(), engine.rewards.tobytes()]
-        shown.append((parts, engine.observe("image").tobytes()))
+        shown.append((parts, engine.winner.tolist(), engine.render(0).tobytes()))
         engine.close()
     assert shown[0] == shown[1]
-    assert list(engine.spec.representations) == ["vector", "image"]
+    assert list(engine.spec.representations) == ["vector"]
 
 
-def test_pictures_that_end_a_game_cannot_be_left_out(tmp_path):
-    text = (FOLDER / "duel.toml").read_text("utf-8")
-    text = text.replace('"duel.swf"', f'"{FOLDER / "duel.swf"}"')
-    ending = 'done = {picture = "end.png", region = [0, 0, 480, 360]}'
+@pytest.mark.parametrize("done", ['{picture = "end.png", region = [0, 0, 480, 360]}', '"done"'])
+def test_a_game_that_needs_pictures_has_no_transport_numbers(tmp_path, done):
+    text = (FOLDER / "multitask.toml").read_text("utf-8").partition("numbers = [")[0]
+    text = text.replace('"multitask.swf"', f'"{FOLDER / "multitask.swf"}"')
     own = tmp_path / "own.toml"
-    own.write_text(text.replace('done = "done"', ending), "utf-8")
+    own.write_text(text.replace('done = "done"', f"done = {done}"), "utf-8")
     Image.new("RGB", (480, 360)).save(tmp_path / "end.png")
-    with pytest.raises(ValueError, match="pictures is False"):
-        marl_cair.make_engine("flash", "duel", description=str(own), pictures=False)
+    assert "vector" not in marl_cair.make_engine("flash", description=str(own)).spec.representations
+    with pytest.raises(ValueError, match="transport is 'numbers'"):
+        marl_cair.make_engine("flash", description=str(own), transport="numbers")
 
 
 def test_a_recorded_game_is_played_again(tmp_path):

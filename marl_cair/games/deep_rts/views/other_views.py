@@ -41,7 +41,7 @@ def vector_high(scenario: Scenario) -> tuple[float, ...]:
     always 0 in the scenario.
     """
     preset = t.PRESETS[scenario.preset]
-    start = [scenario.wealth * store for store in preset.start_stores]
+    start = [preset.wealth * store for store in preset.start_stores]
     found = _most_found(scenario)
     stored = [min(t.MAX_RESOURCE, first + more) for first, more in zip(start, found, strict=True)]
     counted = [min(t.MAX_RESOURCE, more) for more in found]
@@ -106,7 +106,7 @@ def _most_lost(scenario: Scenario, num_players: int, gold: int) -> float:
     preset = t.PRESETS[scenario.preset]
     _, health = _for_one_gold(preset)
     first: int = sum(map(mul, _starting_units(scenario), preset.health))
-    return num_players * (first + health * scenario.wealth * preset.start_gold) + health * gold
+    return num_players * (first + health * preset.wealth * preset.start_gold) + health * gold
 
 
 @compiled

@@ -64,7 +64,7 @@ def test_both_transports_show_the_same_game():
 
 
 def test_the_transport_numbers_shows_the_same_game():
-    """Until the game is over: the winner's reward is in it."""
+    """From the first step to the end of a game, with all hits."""
     shown = []
     for transport in ("bridge", "numbers"):
         engine = marl_cair.make_engine("flash", "duel", transport=transport, reward="lead")

@@ -64,7 +64,7 @@ def test_both_transports_show_the_same_game():
 
 
 def test_the_transport_numbers_shows_the_same_game():
-    """From the first step to the end of a game, with all hits."""
+    """From the first step to the end of a game, with all hits, and with its first pictures."""
     shown = []
     for transport in ("bridge", "numbers"):
         engine = marl_cair.make_engine("flash", "duel", transport=transport, reward="lead")
@@ -73,6 +73,8 @@ def test_the_transport_numbers_shows_the_same_game():
         while not engine.terminated.any():
             engine.step(rng.integers(0, engine.num_actions, (1, 2)))
             parts += [engine.observe("vector").tobytes(), engine.rewards.tobytes()]
+            if len(parts) < 200:
+                parts.append(engine.render(0).tobytes())
         shown.append((parts, engine.winner.tolist(), engine.render(0).tobytes()))
         engine.close()
     assert shown[0] == shown[1]

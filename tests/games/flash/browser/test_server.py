@@ -124,6 +124,22 @@ def test_both_transports_give_the_same_states_and_pictures(over_bridge, over_vnc
     assert play(over_bridge, 2**64 - 1) == play(over_vnc, 2**64 - 1)
 
 
+def test_a_picture_shows_frames_that_were_not_drawn(server):
+    """Frames without a picture are not drawn; a later request shows the last of them."""
+    traces = []
+    for asks_late in (False, True):
+        server.reset(5)
+        trace = []
+        for number, events in enumerate(EVENTS * 2):
+            picture = server.step(1 + number % 3, events, picture=None if asks_late else SIZE)
+            if asks_late:
+                picture = server.step(0, picture=SIZE)
+            trace.append(hashlib.sha256(picture.tobytes()).hexdigest() + json.dumps(server.values))
+        traces.append(trace)
+    assert traces[0] == traces[1]
+    assert len(set(traces[0])) == len(traces[0])
+
+
 def test_input_reaches_the_game_before_the_frame_in_its_order(server):
     server.reset(0)
     server.step(1)

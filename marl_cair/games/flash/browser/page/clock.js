@@ -39,6 +39,11 @@ const clock = (() => {
   function tick() {
     now = numTicks * frameTime + (numTicks > 0 ? 0.01 : 0);
     numTicks += 1;
+    repeat();
+  }
+
+  // Runs what waits, at the same time once more.
+  function repeat() {
     const due = waiting;
     waiting = new Map();
     for (const callback of due.values()) callback(now);
@@ -78,5 +83,5 @@ const clock = (() => {
   reset([0, 0]);
   replaceRandomness();
   if (isLockstep) replaceTime();
-  return { reset, tick };
+  return { reset, tick, repeat };
 })();

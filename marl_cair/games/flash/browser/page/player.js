@@ -42,14 +42,20 @@ async function load(seed) {
   });
   player.focus();
   if (isLockstep) {
-    runFrames(FIRST_TICKS);
+    drawing.follow(canvas());
+    for (let tick = 0; tick < FIRST_TICKS; tick++) clock.tick();
   } else {
     for (let frame = 0; frame < 4; frame++) await new Promise(requestAnimationFrame);
   }
 }
 
-function runFrames(numFrames) {
-  for (let frame = 0; frame < numFrames; frame++) clock.tick();
+// All frames but the last are never seen, and this one only in a picture or over VNC.
+function runFrames(numFrames, isSeen) {
+  for (let left = numFrames - 1; left >= 0; left--) drawing.run(clock.tick, left > 0 || !isSeen);
+}
+
+function canvas() {
+  return player.shadowRoot.querySelector("canvas");
 }
 
 function raisePanic() {
@@ -92,7 +98,7 @@ function point(type, button) {
   const flags = { bubbles: true, cancelable: true, composed: true, isPrimary: true };
   const buttons = Number(mouse.isDown);
   const event = new PointerEvent(type, { ...place, ...flags, button, buttons });
-  player.shadowRoot.querySelector("canvas").dispatchEvent(event);
+  canvas().dispatchEvent(event);
 }
 
 // --- output --------------------------------------------------------------------------------------
@@ -108,7 +114,8 @@ function readPicture([columns, rows]) {
     copy.canvas.height = rows;
     copy.imageSmoothingQuality = "medium";
   }
-  copy.drawImage(player.shadowRoot.querySelector("canvas"), 0, 0, columns, rows);
+  drawing.catchUp();
+  copy.drawImage(canvas(), 0, 0, columns, rows);
   const rgba = copy.getImageData(0, 0, columns, rows).data;
   const rgb = new Uint8Array(columns * rows * 3);
   for (let from = 0, to = 0; to < rgb.length; from += 4, to += 3) {
@@ -129,7 +136,7 @@ async function run(request) {
     if (request.seed) await load(request.seed);
     for (const event of request.events ?? []) dispatch(event);
     finishMove();
-    runFrames(request.frames ?? 0);
+    runFrames(request.frames ?? 0, request.picture || settings.rows > 0);
     raisePanic();
     answer.values = (request.calls ?? []).map(call);
     if (request.picture) picture = readPicture(request.picture);

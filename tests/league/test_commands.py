@@ -110,6 +110,17 @@ def test_an_agent_of_an_unknown_scenario_is_loaded_by_its_fields(tmp_path, capsy
     assert "net" in capsys.readouterr().out
 
 
+def test_an_agent_that_is_older_than_a_field_plays_against_newer_ones(tmp_path):
+    old, new = save_network(tmp_path / "old"), save_network(tmp_path / "new")
+    about = tmp_path / "old" / DESCRIPTION_FILE
+    held = json.loads(about.read_text("utf-8"))
+    del held["scenario_options"]["max_ticks"]
+    about.write_text(json.dumps(held), "utf-8")
+    forget_checksums(tmp_path)
+    assert find_scenario([old, new]) == find_scenario([new])
+    assert load_agent(old).name == "net"
+
+
 def test_fields_that_are_lists_in_the_file_are_tuples(tmp_path, monkeypatch):
     game, name = GAMES["deep_rts"], "Teams-2v2-15x15"
     scenario = game.scenario(name, reward=game.rated_reward)

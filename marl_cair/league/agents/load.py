@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -263,13 +262,12 @@ def find_trained(game: Game, about: AgentDescription) -> dict[str, Any]:
     """The scenario that a checkpoint was trained on: its name under "scenario", and its fields.
 
     A scenario that a user has registered (`register_scenario`) is unknown in another process. Then
-    the fields, which a checkpoint has all, change the game's default.
+    the fields change the game's default. A field that is newer than the checkpoint has its default.
     """
     fields, name = restore_fields(about.scenario_options), about.scenario
-    needed = {field.name for field in dataclasses.fields(game.scenario())}
-    if name not in game.scenarios and needed <= fields.keys():
+    if name not in game.scenarios and fields:
         name = game.default_scenario
-    return {"scenario": name, **fields}
+    return {"scenario": name, **vars(game.scenario(name)), **fields}
 
 
 def _format_difference(own: dict[str, Any], other: dict[str, Any]) -> str:

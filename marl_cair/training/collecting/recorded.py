@@ -85,11 +85,14 @@ def _fit_scenario(path: Path, replay: Replay, engine: BatchedEngine) -> Replay:
 
 
 def list_differences(theirs: Mapping[str, Any], scenario: Any, skipped: Sequence[str] = ()) -> str:
-    """The fields of `theirs` that are not those of the run's scenario, in words; "" if none is."""
+    """The fields of `theirs` that are not those of the run's scenario, in words; "" if none is.
+    A field that is newer than `theirs` has its default there.
+    """
+    held = {**vars(type(scenario)()), **theirs}
     return "; ".join(
-        f"{name} is {theirs.get(name)!r} there, {value!r} in this run"
+        f"{name} is {held[name]!r} there, {value!r} in this run"
         for name, value in vars(scenario).items()
-        if name not in skipped and theirs.get(name) != value
+        if name not in skipped and held[name] != value
     )
 
 

@@ -6,16 +6,14 @@ import sys
 
 import numpy as np
 import pytest
-import yaml
 from tqdm import tqdm
 
 from benchmarks import flash
-from benchmarks._ladders import _space_out
 from benchmarks.coverage import Case, find_truth, measure
+from benchmarks.self_play_learning import _space_out
 from marl_cair.cli import main
 from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.league.ratings import rate as ratings_module
-from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
 from tests.benchmark_runs import read_table
 
 SHORT = (
@@ -78,48 +76,6 @@ def test_the_table_compares_generating_with_learning():
 # --- self-play ---------------------------------------------------------------------------------
 
 
-def run_ladder(name, start, words, folder, picture):
-    """The rows of a benchmark's results, whose table and picture are as they must be."""
-    words += ["--games", "2", "--budget", "512", "--workers", "1", "--out", str(folder)]
-    table = read_table(name, start, [*words, *LADDER])
-    best = "last agent" if name == "self_play_learning" else "mixture"
-    assert f"| best response of 512 scores | `{best}` |" in table
-    assert (folder / picture).read_bytes().startswith(b"\x89PNG")
-    rows = read_rows(folder / "results.csv")
-    assert rows[-1]["what"] == "rank correlation of rating with decisions"
-    for row in rows[:-1]:
-        assert 0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1
-    return rows, {(row["what"], row["against"]) for row in rows}
-
-
-@pytest.mark.slow
-def test_the_table_rates_the_main_agent_the_mixture_and_their_best_responses(tmp_path):
-    league = {**EXAMPLES["tiny"], "league_exploiter": {"learners": 0}, "total_frames": 512}
-    (tmp_path / "league.yaml").write_text(yaml.safe_dump(league), "utf-8")
-    words = ["--league", str(tmp_path / "league.yaml"), "--alone-frames", "512"]
-    words += ["--past-games", "2"]
-    rows, found = run_ladder("league_learning", "| what", words, tmp_path, "self_play.png")
-    for agent in ("main agent", "mixture"):
-        assert {(f"{agent} scores", name) for name in ("random", "counter", "alone")} <= found
-    for name in ("main_0", "mixture"):
-        assert ("best response of 512 scores", name) in found
-    assert int(rows[-1]["games"]) >= 2
-
-
-@pytest.mark.slow
-def test_the_table_of_rounds_rates_the_mixture_each_response_and_the_best_response(tmp_path):
-    (tmp_path / "tiny.yaml").write_text(yaml.safe_dump(PSRO_EXAMPLES["tiny"]), "utf-8")
-    words = ["--psro", str(tmp_path / "tiny.yaml")]
-    rows, found = run_ladder("psro_learning", "| what", words, tmp_path, "psro.png")
-    assert {("mixture scores", r) for r in ("random", "player_000", "player_001")} <= found
-    assert [row["what"] for row in rows][-4:] == [
-        "player_000 scores least",
-        "player_001 scores least",
-        "best response of 512 scores",
-        "rank correlation of rating with decisions",
-    ]
-
-
 @pytest.mark.slow
 def test_the_table_of_runs_rates_the_last_agent_its_past_and_its_best_response(tmp_path):
     words = ["scenario=11x11", "max_ticks=600", "opponent.snapshot_every_frames=256", *LADDER]
@@ -129,13 +85,20 @@ def test_the_table_of_runs_rates_the_last_agent_its_past_and_its_best_response(t
     assert main(["train", *words]) == 0
     alone = first / "snapshots" / "frames_0000000512"
     words = [first, second, "--alone", alone, "--past-games", "2", "--past-every", "300"]
-    table = "1,280 decisions"
-    rows, found = run_ladder("self_play_learning", table, words, tmp_path, "self_play.png")
+    words += ["--games", "2", "--budget", "512", "--workers", "1", "--out", tmp_path, *LADDER]
+    table = read_table("self_play_learning", "1,280 decisions", words)
+    assert "| best response of 512 scores | `last agent` |" in table
+    assert (tmp_path / "self_play.png").read_bytes().startswith(b"\x89PNG")
+    *rows, last = read_rows(tmp_path / "results.csv")
+    assert (last["what"], last["games"]) == ("rank correlation of rating with decisions", "3")
+    assert all(
+        0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1 for row in rows
+    )
+    found = {(row["what"], row["against"]) for row in rows}
     assert {("last agent scores", name) for name in ("random", "counter", "alone")} <= found
     # 256, 512, 768 and 1,024 decisions: thinned from the last one's 1,280 to one in 300.
     kept = {path.name for path in (tmp_path / "agents").iterdir()}
     assert kept == {"main_0", "main_0-0-768", "main_0-0-256", "alone"}
-    assert rows[-1]["games"] == "3"
 
 
 def test_labels_of_equal_ratings_stand_one_above_the_other():

@@ -75,7 +75,7 @@ class ReplayWriter:
         head = f"{(common or describe_engine(engine))[:-1]}, {json.dumps(own)[1:]}\n"
         self._shape, self._dtype = (spec.num_players, *spec.action_shape), layout.action_type(spec)
         self._shapes: dict[str, tuple[int, ...]] | None = None  # of values, from the first step on
-        self._deflate = zlib.compressobj(wbits=layout.WINDOW_BITS, memLevel=5)
+        self._deflate = zlib.compressobj(1, wbits=layout.WINDOW_BITS, memLevel=5)
         self._pending = bytearray()
         self._steps = self._hashed = 0
         self._flushed = time.monotonic()

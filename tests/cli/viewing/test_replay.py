@@ -122,6 +122,8 @@ def test_foreign_files_are_refused(tmp_path, capsys):
     path = tmp_path / "a.replay"
     path.write_bytes(b"\x89PNG\r\n\x1a\n")
     assert_refused(capsys, "a.replay is no replay of marl_cair", "replay", str(path))
+    for other in (tmp_path, tmp_path / "none.replay"):
+        assert_refused(capsys, f"{other} is no file: name a replay", "replay", str(other))
     assert_refused(capsys, "none.replay", "replay", str(tmp_path / "none.replay"))
 
 
@@ -215,7 +217,7 @@ def test_a_page_shows_the_values_of_agents(file, tmp_path):
 
 def test_agents_are_given_for_each_seat(file, tmp_path, capsys):
     words = ["replay", file, "--to", str(tmp_path / "a.html"), "--agents", "turtle"]
-    message = "--agents names 1, the game has 2 seats: give one agent for each seat"
+    message = "--agents names 1, give one for each of 2 seats"
     assert_refused(capsys, message, *words)
 
 

@@ -23,9 +23,9 @@ def show_agent(out: Path) -> None:
     game, page = GAMES["deep_line_wars"], out / "watch.html"
     if not page.exists():
         scenario = game.scenario("10x15")
-        names = Path(__file__).parents[1] / AGENT, "counter"
-        players = [load_agent(str(name), game.name, scenario) for name in names]
-        write_viewer(page, record_game(*players, game, scenario, seed=0))
+        agent = load_agent(Path(__file__).parents[1] / AGENT, game.name, scenario)
+        bot = game.bot("counter", scenario)
+        write_viewer(page, record_game(agent, bot, game, scenario, seed=0))
     print(SHOWN.format(page=page, agent=AGENT), flush=True)
 
 

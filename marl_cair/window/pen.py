@@ -38,8 +38,8 @@ def fit(text: str, room: int, colour: Colour = colours.INK, size: int = TEXT) ->
     while text and shown.get_width() * NARROWEST > room:
         text = text[:-1].rstrip()
         shown = write(f"{text}\N{HORIZONTAL ELLIPSIS}", colour, size)
-    wide, high = shown.get_size()
-    return shown if wide <= room else pygame.transform.smoothscale(shown, (max(1, room), high))
+    box = max(1, room), shown.get_height()  # pygame crashes where it scales an empty text up
+    return shown if shown.get_width() <= box[0] else pygame.transform.smoothscale(shown, box)
 
 
 class Pen:

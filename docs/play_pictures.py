@@ -26,6 +26,7 @@ from marl_cair.cli.viewing.browser_play import write_game
 from marl_cair.games import GAMES
 from marl_cair.games.deep_rts.tables import ARCHER, CAVALRY, FOOTMAN
 from marl_cair.games.game import Agent
+from marl_cair.window.controls.rts import RtsControls
 from marl_cair.window.session import Session
 from marl_cair.window.window import Window
 
@@ -54,6 +55,8 @@ def build_and_send(window: Window) -> None:
 def send_soldiers(window: Window) -> None:
     """A person of Deep RTS, until now played by a bot, who sends all soldiers to fight."""
     session, control = window.session, window.controls[0]
+    if not isinstance(control, RtsControls):
+        raise TypeError(f"{control} gives no orders to units")
     bot = GAMES["deep_rts"].bot("mixed", session.scenario)
     for step in range(1_900):
         orders = {}
@@ -66,7 +69,7 @@ def send_soldiers(window: Window) -> None:
     soldiers = [u for u in control.list_units(window.moment) if u.kind in SOLDIERS]
     control.select(soldiers)
     window.press(ord("a"))
-    click(window, find_pixel(window, 10 * window.find_board().columns + 9))
+    click(window, find_pixel(window, 10 * session.scenario.columns + 9))
     wait(window, 3 * len(soldiers))
     window.press(ord("a"))  # the next order
 

@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/play.md and docs/browser.md: `python docs/play_pictures.py`.
+"""Draws the pictures of docs/play.md and docs/browser.md: `python -m docs.play_pictures`.
 
 Needs chromium, and the extras `dev` and `play`.
 """
@@ -17,9 +17,9 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 import pygame
 from PIL import Image
-from play_film import click, find_pixel
 from playwright.sync_api import sync_playwright
 
+from docs.play_film import click, find_pixel
 from marl_cair import load_agent
 from marl_cair.browser.serving import make_server
 from marl_cair.cli.viewing.browser_play import write_game

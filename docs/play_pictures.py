@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/play.md and docs/browser.md: `python docs/play_pictures.py`.
+"""Draws the pictures of docs/play.md and docs/browser.md: `python -m docs.play_pictures`.
 
 Needs chromium, and the extras `dev` and `play`.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -18,30 +19,75 @@ import pygame
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+from docs.play_film import click, find_pixel
 from marl_cair import load_agent
 from marl_cair.browser.serving import make_server
 from marl_cair.cli.viewing.browser_play import write_game
 from marl_cair.games import GAMES
+from marl_cair.games.deep_rts.tables import ARCHER, CAVALRY, FOOTMAN
 from marl_cair.games.game import Agent
+from marl_cair.window.controls.rts import RtsControls
 from marl_cair.window.session import Session
 from marl_cair.window.window import Window
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = (1280, 800)
-# Picture -> game, scenario, players by seat ("": a person), steps, and keys before and after them.
-PICTURES: dict[str, tuple[str, str, tuple[str, ...], int, str, str]] = {
-    "play_line_wars": ("deep_line_wars", "10x15", ("", "counter"), 260, "2255", "5"),
-    "play_deep_rts": ("deep_rts", "1v1-15x15-fog", ("", "mixed"), 300, "u", "u"),
-    "play_menu": ("deep_maze", "9x9-stochastic", ("",), 0, "", "g"),
+PAGE_SIZE, NUM_COLOURS = (1280, 960), 128
+BOARD_COLUMNS = 15  # of 10x15
+SOLDIERS = (FOOTMAN, ARCHER, CAVALRY)
+
+
+def build_and_send(window: Window) -> None:
+    """A person of Deep Line Wars who has towers and units, and chooses the next tower's cell."""
+    window.press(ord("5"))
+    for row in (1, 3, 6, 8):
+        click(window, find_pixel(window, row * BOARD_COLUMNS + 4))
+        window.step()
+    window.press(ord("5"))
+    for _ in range(430):
+        window.step()
+        if window.moment.numbers.resources["gold"][0] > 90:
+            window.press(ord("2"))
+    window.press(ord("6"))
+    window.pointer = find_pixel(window, 4 * BOARD_COLUMNS + 5)
+
+
+def send_soldiers(window: Window) -> None:
+    """A person of Deep RTS, until now played by a bot, who sends all soldiers to fight."""
+    session, control = window.session, window.controls[0]
+    if not isinstance(control, RtsControls):
+        raise TypeError(f"{control} gives no orders to units")
+    bot = GAMES["deep_rts"].bot("mixed", session.scenario)
+    for step in range(1_900):
+        orders = {}
+        if step % session.steps_per_decision == 0:
+            seen = session.engine.observe(bot.representation)[:, 0]
+            orders[0] = bot.act(seen.copy(), session.engine.action_mask()[:, 0])[0]
+        session.advance(orders)
+    window.shown["pause"] = False
+    window.step()
+    soldiers = [u for u in control.list_units(window.moment) if u.kind in SOLDIERS]
+    control.select(soldiers)
+    window.press(ord("a"))
+    click(window, find_pixel(window, 10 * session.scenario.columns + 9))
+    wait(window, 3 * len(soldiers))
+    window.press(ord("a"))  # the next order
+
+
+# Picture -> game, scenario, players by seat ("": a person), and what is done before it is taken.
+PICTURES: dict[str, tuple[str, str, tuple[str, ...], Callable[[Window], object]]] = {
+    "play_line_wars": ("deep_line_wars", "10x15", ("", "counter"), build_and_send),
+    "play_deep_rts": ("deep_rts", "1v1-15x15-fog", ("", "rusher@0.3"), send_soldiers),
+    "play_menu": ("deep_maze", "9x9-stochastic", ("",), lambda window: window.press(ord("g"))),
     "watch_agents": (
         *("deep_line_wars", "10x15", (str(ROOT / "agents/deep_line_wars_10x15"), "counter")),
-        *(900, "", ""),
+        lambda window: wait(window, 900),
     ),
-    "watch_six": ("deep_rts", "FFA-6-31x31", ("mixed",) * 6, 2_000, "", ""),
+    "watch_six": (
+        *("deep_rts", "FFA-6-31x31", ("mixed",) * 6),
+        lambda window: wait(window, 2_000),
+    ),
 }
-
-
-PAGE_SIZE, NUM_COLOURS = (1280, 960), 128
 
 
 def main() -> None:
@@ -54,7 +100,7 @@ def main() -> None:
 def draw_windows() -> None:
     """Write the pictures of the window."""
     pygame.display.init()
-    for name, (game, scenario, players, steps, before, after) in PICTURES.items():
+    for name, (game, scenario, players, play) in PICTURES.items():
         chosen = GAMES[game].scenario(scenario)
         agents: list[Agent | None] = [
             load_agent(source, game, chosen) if source else None for source in players
@@ -62,14 +108,15 @@ def draw_windows() -> None:
         session = Session(GAMES[game], chosen, agents)
         window = Window(session, pygame.Surface(SIZE), threaded=False)
         window.draw()
-        for key in before:
-            window.press(ord(key))
-        for _ in range(steps):
-            window.step()
-        for key in after:
-            window.press(ord(key))
+        play(window)
         window.scene.draw()
         pygame.image.save(window.surface, ROOT / f"docs/images/{name}.png")
+
+
+def wait(window: Window, steps: int) -> None:
+    """Play some steps."""
+    for _ in range(steps):
+        window.step()
 
 
 def draw_page(folder: Path) -> None:

@@ -11,6 +11,7 @@ BACKGROUND, PANEL, TRACK = (22, 24, 32), (36, 39, 50), (58, 62, 74)
 INK, DIM, BRIGHT = (238, 240, 246), (150, 156, 172), (94, 252, 242)
 GOOD, ACCENT = (86, 180, 233), (250, 204, 72)
 PRESENCE = (214, 51, 108)
+SHADE = (64, 68, 84)  # multiplies colours below a name
 
 
 def list_seat_colours(session: Session, viewer: int | None) -> list[Colour]:

@@ -17,7 +17,6 @@ from marl_cair.window.statistics import name_game
 if TYPE_CHECKING:
     from marl_cair.window.window import Window
 
-
 SPEEDS = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
 
 
@@ -79,9 +78,8 @@ def cycle_seat(window: Window) -> None:
         seats = seats[1:]
     place = seats.index(window.view.seat) if window.view.seat in seats else -1
     window.set_view(replace(window.view, seat=seats[(place + 1) % len(seats)]))
-    window.message = (
-        "view of all" if window.view.seat is None else f"view of player {window.view.seat}"
-    )
+    seat = window.view.seat
+    window.message = "view of all" if seat is None else f"view of player {seat}"
     if len(seats) == 1:
         window.message = "other views open when the game is over"
 
@@ -136,14 +134,11 @@ HOTKEYS = (
     Hotkey((pygame.K_t,), "T", "turns: the game waits for your action",
            lambda w: toggle(w, "turns")),
     Hotkey((pygame.K_n,), "N", "next game, on the next map", lambda w: w.start_next()),
-    Hotkey((pygame.K_TAB,), "Tab", "the next person takes keyboard and mouse",
-           pass_on),
-    Hotkey((pygame.K_f,), "F", "view of each player, with its fog; of all",
-           cycle_seat),
+    Hotkey((pygame.K_TAB,), "Tab", "the next person takes keyboard and mouse", pass_on),
+    Hotkey((pygame.K_f,), "F", "view of each player, with its fog; of all", cycle_seat),
     Hotkey((pygame.K_v,), "V", "what agents see: planes, image, heat map, gray",
            cycle_representation),
-    Hotkey((pygame.K_o,), "O", "presence of the agent's capsules",
-           toggle_presence),
+    Hotkey((pygame.K_o,), "O", "presence of the agent's capsules", toggle_presence),
     Hotkey((pygame.K_h,), "H", "grid lines", lambda w: toggle(w, "grid")),
     Hotkey((pygame.K_b,), "B", "panels", lambda w: toggle(w, "panels")),
     Hotkey((pygame.K_PAGEUP,), "Page up", "zoom in (or the mouse wheel)", lambda w: zoom(w, 1)),

@@ -47,9 +47,8 @@ def show_status(pen: Pen, state: PanelState) -> None:
     ticks = moment.step * spec.ticks_per_step
     pen.line(f"tick {ticks:,} of {spec.max_ticks:,}    {state.speed}")
     seen = "all" if view.seat is None else f"player {view.seat}"
-    pen.line(
-        f"view: {seen}{', ' + view.representation if view.representation else ''}", colours.DIM
-    )
+    kind = f", {view.representation}" if view.representation else ""
+    pen.line(f"view: {seen}{kind}", colours.DIM)
     pen.line("G: all keys", colours.DIM)
 
 

@@ -15,6 +15,7 @@ from marl_cair.window.colours import Colour
 LINE = 17  # pixels from one line of text to the next
 MARGIN = 10
 TEXT, SMALL = 12, 11  # pixels
+NARROWEST = 0.55  # of a text's own width
 
 
 @cache
@@ -28,6 +29,17 @@ def _load_font(size: int) -> pygame.font.Font:
 def write(text: str, colour: Colour = colours.INK, size: int = TEXT) -> pygame.Surface:
     """Text as a surface, kept for the next time."""
     return _load_font(size).render(text, True, colour)
+
+
+@lru_cache(maxsize=4096)
+def fit(text: str, room: int, colour: Colour = colours.INK, size: int = TEXT) -> pygame.Surface:
+    """Text in `room` pixels: squeezed to NARROWEST at most, then ended with an ellipsis."""
+    shown = write(text, colour, size)
+    while text and shown.get_width() * NARROWEST > room:
+        text = text[:-1].rstrip()
+        shown = write(f"{text}\N{HORIZONTAL ELLIPSIS}", colour, size)
+    box = max(1, room), shown.get_height()  # pygame crashes where it scales an empty text up
+    return shown if shown.get_width() <= box[0] else pygame.transform.smoothscale(shown, box)
 
 
 class Pen:
@@ -80,7 +92,7 @@ class Pen:
     ) -> None:
         """Bars of `shares` 0..1, one below another, beside a label and a number."""
         left, right = MARGIN + 122, MARGIN + self.width - 60
-        self.surface.blit(write(label, colours.INK, SMALL), (MARGIN, self.y), (0, 0, 118, LINE))
+        self.surface.blit(fit(label, 118, colours.INK, SMALL), (MARGIN, self.y))
         shown = write(number, colours.INK, SMALL)
         self.surface.blit(shown, (MARGIN + self.width - shown.get_width(), self.y))
         high = max(3, 9 // len(shares))
@@ -97,10 +109,14 @@ class Pen:
         """Lines over time, in one frame, with their smallest and largest value."""
         every = [value for line in lines for value in line] or [0.0]
         low, high = min(0.0, *every), max(1e-9, *every)
+        tall = (height - 4) / (high - low)  # pixels of 1
         self.surface.blit(write(title, colours.DIM, SMALL), (MARGIN, self.y))
-        newest = "  ".join(f"{line[-1]:.4g}" for line in lines if line)
-        shown = write(newest, colours.INK, SMALL)
-        self.surface.blit(shown, (MARGIN + self.width - shown.get_width(), self.y))
+        right = MARGIN + self.width
+        for line, ink in [*zip(lines, inks, strict=True)][::-1]:
+            shown = write(f"{line[-1]:.4g}" if line else "", colours.INK, SMALL)
+            right -= shown.get_width() + 8
+            self.surface.blit(shown, (right + 8, self.y))
+            self.surface.fill(ink, (right + 8, self.y + 13, shown.get_width(), 2))
         self.y += LINE - 2
         box = pygame.Rect(MARGIN, self.y, self.width, height)
         pygame.draw.rect(self.surface, colours.BACKGROUND, box)
@@ -110,10 +126,7 @@ class Pen:
                 kept = [*line[::every_nth], line[-1]]
                 across = (box.width - 3) / (len(kept) - 1)
                 points = [
-                    (
-                        box.left + 1 + index * across,
-                        box.bottom - 2 - (value - low) / (high - low) * (height - 4),
-                    )
+                    (box.left + 1 + index * across, box.bottom - 2 - (value - low) * tall)
                     for index, value in enumerate(kept)
                 ]
                 pygame.draw.lines(self.surface, ink, False, points, 2)

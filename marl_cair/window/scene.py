@@ -15,7 +15,7 @@ from marl_cair.window.colours import list_seat_colours
 from marl_cair.window.controls.controls import NO_PLACE, Button, Mark
 from marl_cair.window.hotkeys import GESTURES, HOTKEYS
 from marl_cair.window.panels import draw_panels
-from marl_cair.window.pen import LINE, SMALL, write
+from marl_cair.window.pen import LINE, MARGIN, SMALL, fit, write
 from marl_cair.window.representations import GAP, count_across
 
 if TYPE_CHECKING:
@@ -46,14 +46,19 @@ class Scene:
         width, height = surface.get_size()
         shows_panels = window.shown["panels"] and width >= LEAST_WIDTH
         right = PANEL_WIDTH if shows_panels else 0
-        window.camera.area = (0, 0, max(1, width - right), max(1, height - BAR_HEIGHT))
+        wide, high = max(1, width - right), max(1, height - BAR_HEIGHT)
+        camera, strip = window.camera, MINIMAP_PIXELS + 2 * MARGIN
+        camera.size = window.moment.picture.shape[1], window.moment.picture.shape[0]
+        camera.area = (0, 0, wide, high)
+        if not camera.is_whole and camera.size[0] * camera.scale <= wide - strip:
+            camera.area = (0, 0, wide - strip, high)  # there is room for the minimap beside it
         surface.fill(colours.BACKGROUND)
-        surface.set_clip(pygame.Rect(window.camera.area))
+        surface.set_clip(pygame.Rect(0, 0, wide, high))
         self._draw_picture()
         self._draw_marks()
         self._draw_minimap()
         surface.set_clip(None)
-        self._draw_bar(max(1, width - right), height)
+        self._draw_bar(wide, height)
         if shows_panels:
             self._draw_panels(width, height)
         if window.shown["menu"]:
@@ -66,9 +71,7 @@ class Scene:
         picture = window.moment.picture
         if self._drawn.get("picture") is not picture:
             self._drawn["picture"] = picture
-            height, width = picture.shape[:2]
-            camera.size = width, height
-            self._picture = pygame.image.frombuffer(picture.tobytes(), (width, height), "RGB")
+            self._picture = pygame.image.frombuffer(picture.tobytes(), camera.size, "RGB")
             self._drawn["scale"] = None
         original = self._picture
         if original is None:
@@ -97,8 +100,10 @@ class Scene:
         for index, name in enumerate(kind.plane_names):
             left = (GAP + index % across * (kind.shape[2] + GAP)) * scale
             top = (GAP + index // across * (kind.shape[1] + GAP)) * scale
-            room = pygame.Rect(0, 0, kind.shape[2] * scale, LINE)
-            scaled.blit(write(name, colours.BRIGHT, SMALL), (left + 2, top + 1), room)
+            shown = fit(name, kind.shape[2] * scale - 4, colours.BRIGHT, SMALL)
+            strip = (left, top, min(shown.get_width() + 4, kind.shape[2] * scale), LINE)
+            scaled.fill(colours.SHADE, strip, pygame.BLEND_MULT)
+            scaled.blit(shown, (left + 2, top + 1), (0, 0, strip[2], LINE))
 
     def _draw_presence(self, scaled: pygame.Surface) -> None:
         """The presence of capsules over the board: the largest of all parts in each place."""
@@ -111,10 +116,8 @@ class Scene:
         if board is not None:
             scale = window.camera.scale
             left, top = board.left * scale, board.top * scale
-            size = (
-                max(1, round(board.columns * board.tile * scale)),
-                max(1, round(board.rows * board.tile * scale)),
-            )
+            columns, rows = board.columns * board.tile, board.rows * board.tile
+            size = max(1, round(columns * scale)), max(1, round(rows * scale))
         strongest = presence.max(0)
         strongest = (strongest - strongest.min()) / max(1e-6, float(np.ptp(strongest)))
         layer = pygame.Surface(strongest.shape[::-1], pygame.SRCALPHA)
@@ -161,9 +164,8 @@ class Scene:
 
     def _frame(self, board: Any, mark: Mark) -> None:
         left, top = self._place(board.find_box(*mark.cell))
-        right, bottom = self._place(
-            board.find_box(mark.cell[0] + mark.size, mark.cell[1] + mark.size)
-        )
+        row, column = mark.cell[0] + mark.size, mark.cell[1] + mark.size
+        right, bottom = self._place(board.find_box(row, column))
         box = pygame.Rect(left, top, right - left, bottom - top)
         pygame.draw.rect(self.window.surface, colours.BACKGROUND, box.inflate(2, 2), 1)
         pygame.draw.rect(self.window.surface, pygame.Color(mark.colour), box, 2)
@@ -171,11 +173,8 @@ class Scene:
     def follow_frame(self) -> None:
         """Scroll until the keyboard's frame is in sight."""
         window, board = self.window, self.window.find_board()
-        frame = (
-            getattr(window.controls[window.person], "frame", NO_PLACE)
-            if window.controls
-            else NO_PLACE
-        )
+        control = window.controls[window.person] if window.controls else None
+        frame = getattr(control, "frame", NO_PLACE)
         if board is None or frame == NO_PLACE or window.camera.is_whole:
             return
         x, y = self._place(board.find_box(frame[0] + 0.5, frame[1] + 0.5))
@@ -189,15 +188,15 @@ class Scene:
         """The whole picture, small, with a frame around the shown part."""
         self._minimap = None
         camera, surface = self.window.camera, self.window.surface
-        if camera.is_whole or self._picture is None or camera.area[2] < 2 * MINIMAP_PIXELS:
+        area = surface.get_clip()
+        if camera.is_whole or self._picture is None or area.width < 2 * MINIMAP_PIXELS:
             return
         shrink = MINIMAP_PIXELS / max(camera.size)
         wide, high = (max(1, round(side * shrink)) for side in camera.size)
         if self._drawn.get("minimap") is not self._drawn["picture"]:
             self._drawn["minimap"] = self._drawn["picture"]
             self._drawn["small"] = pygame.transform.smoothscale(self._picture, (wide, high))
-        left = camera.area[0] + camera.area[2] - wide - 8
-        top = camera.area[1] + camera.area[3] - high - 8
+        left, top = area.right - wide - MARGIN, area.bottom - high - MARGIN
         minimap = self._minimap = (left, top, wide, high)
         surface.blit(self._drawn["small"], (left, top))
         pygame.draw.rect(surface, colours.DIM, minimap, 1)
@@ -222,7 +221,7 @@ class Scene:
                 box = (4 + place * wide, top + 3, wide - 4, 36)
                 self._buttons.append((box, button))
                 self._draw_button(box, button)
-        surface.blit(write(window.message, colours.ACCENT), (10, top + 42), (0, 0, width, LINE))
+        surface.blit(fit(window.message, width - 20, colours.ACCENT), (10, top + 42))
 
     def _draw_button(self, box: Rect, button: Button) -> None:
         surface = self.window.surface
@@ -230,10 +229,9 @@ class Scene:
         pygame.draw.rect(surface, colours.TRACK, box)
         if button.is_chosen:
             pygame.draw.rect(surface, colours.ACCENT, box, 2)
-        clip = (0, 0, box[2] - 8, LINE)
-        key = pygame.key.name(button.key).upper()
-        surface.blit(write(f"{key}  {button.label}", ink), (box[0] + 5, box[1] + 4), clip)
-        surface.blit(write(button.price, colours.DIM, SMALL), (box[0] + 5, box[1] + 21), clip)
+        key, room = pygame.key.name(button.key).upper(), box[2] - 9
+        surface.blit(fit(f"{key}  {button.label}", room, ink), (box[0] + 5, box[1] + 4))
+        surface.blit(fit(button.price, room, colours.DIM, SMALL), (box[0] + 5, box[1] + 21))
 
     def _draw_panels(self, width: int, height: int) -> None:
         window = self.window

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,7 @@ from marl_cair.league.agents.foreign import require_answers
 from marl_cair.league.play.playing import map_seeds
 from marl_cair.viewer.values import ACTION_VALUES
 from marl_cair.window.numbers import Numbers, count_kills, read_numbers, read_world
+from marl_cair.window.representations import draw_representation
 from marl_cair.window.statistics import name_game, save_statistics
 
 # Games whose ticks are shown one by one. Agents act as often as in their scenario; a person may
@@ -165,7 +167,10 @@ class Session:
             self._writer.close()
             self._writer = None
         if self.statistics is not None and self._is_unsaved:
-            save_statistics(self, name_game(self.statistics, self.number))
+            try:
+                save_statistics(self, name_game(self.statistics, self.number))
+            except OSError as error:  # the game continues
+                warnings.warn(f"statistics are not saved: {error}", stacklevel=2)
         self._is_unsaved = False
 
     @property
@@ -253,8 +258,6 @@ class Session:
 
     def look(self, view: View, with_presence: bool = False) -> Moment:
         """The game as it stands, seen by `view`."""
-        from marl_cair.window.representations import draw_representation
-
         engine = self.engine
         if view.representation:
             seat = view.seat or 0

@@ -97,8 +97,7 @@ class Window:
     def update(self, seconds: float) -> None:
         """Let the game go on for the time that has passed."""
         if self._job is not None and self._job.done():
-            self._take(self._job.result())
-            self._job = None
+            self.finish_job()
         if not self.shown["pause"] and not self.moment.is_over:
             rate = self.session.steps_per_second * self.speed
             self.due = min(self.due + seconds * rate, float(MOST_STEPS))
@@ -304,9 +303,7 @@ class Window:
     def home_seat(self) -> int | None:
         """The seat of the person's own view: None where several play at once on an open board."""
         persons = self.session.persons
-        if not persons:
-            return None
-        if self.session.plays_at_once and len(persons) > 1:
+        if not persons or (self.session.plays_at_once and len(persons) > 1):
             return None
         return persons[self.person]
 

@@ -10,6 +10,8 @@ import pygame
 import pytest
 from PIL import Image
 
+from marl_cair.window.pen import fit, write
+from marl_cair.window.scene import PANEL_WIDTH
 from tests.window.persons import Person, make_window
 
 APPROVED = Path(__file__).parent / "approved"
@@ -122,6 +124,22 @@ def test_the_picture_is_scaled_sharply():
     shown = pygame.surfarray.array3d(window.surface).swapaxes(0, 1)
     shown = shown[top : top + 2 * picture.shape[0], left : left + 2 * picture.shape[1]]
     assert (shown == picture.repeat(2, 0).repeat(2, 1)).all()
+
+
+def test_the_minimap_lies_beside_a_board_that_leaves_room():
+    window = make_window("deep_rts", "FFA-6-31x31", ["mixed"] * 6, (1_280, 800))
+    left, _, wide, _ = window.scene._minimap
+    assert window.camera.corner()[0] + window.camera.size[0] * window.camera.scale <= left
+    assert left + wide <= 1_280 - PANEL_WIDTH
+
+
+@pytest.mark.parametrize("text", ["150 gold, 80 lumber, 30 stone", ""])
+@pytest.mark.parametrize("room", [-9, 0, 1, 8, 30, 60, 200])
+def test_text_fits_its_room(room, text):
+    shown = fit(text, room)
+    assert shown.get_width() <= max(1, room)
+    if room >= write(text).get_width():
+        assert shown.get_width() == write(text).get_width()
 
 
 if __name__ == "__main__":

@@ -106,6 +106,14 @@ def test_statistics_hold_the_numbers_over_time_and_the_result(tmp_path):
         assert sum(player["actions"].values()) == counts.sum() == decisions
 
 
+def test_a_game_ends_without_statistics_where_none_can_be_written(tmp_path):
+    (tmp_path / "file").touch()
+    session = make_session("deep_maze", statistics=tmp_path / "file" / "game", max_ticks=1)
+    with pytest.warns(UserWarning, match="statistics are not saved: "):
+        session.advance()
+    assert session.is_over
+
+
 def test_kills_are_counted_for_the_owner_of_a_unit_that_fought():
     session = make_session("deep_rts", "Skirmish-15x15", ("rusher", "rusher"))
     while not session.is_over:

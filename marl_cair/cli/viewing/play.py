@@ -69,7 +69,8 @@ def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons
         None if source is None else load(source, game.name, scenario) for source in seats
     ]
     record = Path(options.record) if options.record else None
-    return Session(game, scenario, players, options.seed, record, name_statistics(options, record))
+    statistics = name_statistics(options, game.name, record)
+    return Session(game, scenario, players, options.seed, record, statistics)
 
 
 def seat_players(
@@ -95,12 +96,12 @@ def seat_players(
     return [None if seat in persons else next(sources) for seat in range(num_seats)]
 
 
-def name_statistics(options: argparse.Namespace, record: Path | None) -> Path | None:
-    """Where statistics go: to the folder of --statistics, else beside the recording."""
-    if options.statistics:
-        now = time.strftime("%Y%m%d-%H%M%S")
-        return Path(options.statistics) / f"{options.game or 'game'}-{now}"
-    return record.with_suffix("") if record is not None else None
+def name_statistics(options: argparse.Namespace, game: str, record: Path | None) -> Path:
+    """Where statistics go: to --statistics, else beside the recording, else to --folder."""
+    if record is not None and not options.statistics:
+        return record.with_suffix("")
+    folder = Path(options.statistics or options.folder)
+    return folder / f"{game}-{time.strftime('%Y%m%d-%H%M%S')}"
 
 
 def read_window_size(text: str) -> tuple[int, int]:
@@ -121,12 +122,12 @@ def add_window_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--statistics",
         metavar="FOLDER",
-        help="folder of each game's statistics, CSV and JSON (default: beside --record, else none)",
+        help="of each game's statistics, CSV and JSON (default: beside --record, else --folder)",
     )
     parser.add_argument(
         "--folder",
         default="runs/play",
-        help="of screenshots and of replays saved by F5 (default: %(default)s)",
+        help="of statistics, screenshots and replays saved by F5 (default: %(default)s)",
     )
     parser.add_argument(
         "--speed", type=float, default=1.0, help="1 is the game's own (default: %(default)s)"

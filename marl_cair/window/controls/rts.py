@@ -283,10 +283,9 @@ class RtsControls(BoardControls):
         if not chosen:
             return []
         buttons = []
+        costs = slice(rb.PRODUCT_COST, rb.PRODUCT_COST + t.NUM_RESOURCES)
         for key, product in zip(PRODUCT_KEYS, t.PRODUCTS[chosen[0].kind], strict=False):
-            prices = self.rules.product[
-                product, rb.PRODUCT_COST : rb.PRODUCT_COST + t.NUM_RESOURCES
-            ]
+            prices = self.rules.product[product, costs]
             owned = [moment.numbers.resources[name][self.seat] for name in t.RESOURCE_NAMES]
             listed = zip(prices.tolist(), t.RESOURCE_NAMES, strict=True)
             price = ", ".join(f"{amount} {name}" for amount, name in listed if amount)
@@ -297,17 +296,12 @@ class RtsControls(BoardControls):
             buttons.append(Button(key, label, price, is_possible))
         if chosen[0].kind in (t.FOOTMAN, t.ARCHER, t.CAVALRY):
             buttons.append(Button(pygame.K_a, "advance", "", True, self.advances))
-        if chosen[0].is_mobile:
-            buttons.append(Button(pygame.K_s, "stop", "", True))
-        else:
-            buttons.append(Button(pygame.K_c, "cancel", "", True))
-        return buttons
+        key, label = (pygame.K_s, "stop") if chosen[0].is_mobile else (pygame.K_c, "cancel")
+        return [*buttons, Button(key, label, "", True)]
 
     def list_marks(self, moment: Moment) -> list[Mark]:
-        marks = [
-            Mark(
-                (unit.row - unit.half, unit.column - unit.half), SELECTED_COLOUR, 2 * unit.half + 1
-            )
-            for unit in self.list_selected(moment)
-        ]
+        marks = []
+        for unit in self.list_selected(moment):
+            corner = unit.row - unit.half, unit.column - unit.half
+            marks.append(Mark(corner, SELECTED_COLOUR, 2 * unit.half + 1))
         return marks + super().list_marks(moment)

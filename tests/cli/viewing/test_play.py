@@ -2,13 +2,14 @@
 
 import builtins
 import sys
+from pathlib import Path
 
 import pygame
 import pytest
 from PIL import Image
 
 from marl_cair.cli import main
-from marl_cair.cli.viewing.play import make_parser, make_session, seat_players
+from marl_cair.cli.viewing.play import make_parser, make_session, name_statistics, seat_players
 from marl_cair.cli.viewing.watch import make_parser as make_watch_parser
 from marl_cair.games.replays import read_replay
 from marl_cair.window.session import View
@@ -45,13 +46,31 @@ def test_watch_writes_a_film_without_a_display(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("SDL_VIDEODRIVER", "none of these")
     film = tmp_path / "game.gif"
     words = ["watch", "deep_maze/random", "--seed", "3", "--set", "max_ticks=40", "--to", str(film)]
-    assert main([*words, "--size", "320x240", "--every", "10"]) == 0
+    assert main([*words, "--size", "320x240", "--every", "10", "--folder", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     with Image.open(film) as image:
         assert image.size == (320, 240)
         assert f"{image.n_frames} frames, 10 in a second" in printed
         assert image.n_frames == 5  # at the start, after 10, 20, 30 and 40 moves
     assert printed.startswith("0 random: out of time after 40 steps")
+    kinds = [path.suffix for path in tmp_path.glob("deep_maze-*")]
+    assert sorted(kinds) == [".csv", ".json"]  # statistics
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ((), "runs/play/deep_maze-"),
+        (("--folder", "a"), "a/deep_maze-"),
+        (("--folder", "a", "--record", "b/c.replay"), "b/c"),
+        (("--record", "b/c.replay", "--statistics", "d"), "d/deep_maze-"),
+    ],
+)
+def test_statistics_are_saved_by_default(words, name):
+    options = make_parser().parse_args(["deep_maze", *words])
+    record = Path(options.record) if options.record else None
+    path = name_statistics(options, "deep_maze", record)
+    assert path.as_posix().startswith(name)
 
 
 def test_flash_games_have_a_command_of_their_own(capsys):

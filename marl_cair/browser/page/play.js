@@ -225,13 +225,14 @@ class Play {
   }
 }
 
-// Enlarge the board by a whole number of the screen's pixels; one that is made smaller is smooth.
+// Enlarge the board by a whole number of the screen's pixels, or to its own size where that is
+// larger; it is smooth where its pixels cannot be equal squares.
 function fit(canvas) {
   const across = find("stage").clientWidth / canvas.width;
   const room = Math.min(across, (HIGHEST * innerHeight) / canvas.height) * devicePixelRatio;
-  const times = room < 1 ? room : Math.floor(room);
+  const times = Math.max(Math.floor(room), Math.min(room, devicePixelRatio));
   canvas.style.width = `${(times * canvas.width) / devicePixelRatio}px`;
-  canvas.style.imageRendering = room < 1 ? "auto" : "pixelated";
+  canvas.style.imageRendering = Number.isInteger(times) ? "pixelated" : "auto";
 }
 
 function say(text) {

@@ -18,7 +18,7 @@ from marl_cair.cli.curves import name_runs
 from marl_cair.dashboard.server import write_dashboard
 
 IMAGES = Path(__file__).parent / "images"
-WIDTH, HEIGHT, NUM_COLOURS = 1280, 1000, 64
+WIDTH, HEIGHT, NUM_COLOURS = 1280, 1000, 200
 
 
 def main() -> None:
@@ -37,9 +37,9 @@ def main() -> None:
         viewer = page.frame_locator("#viewer")
         viewer.get_by_text("step 0 /").wait_for()
         viewer.get_by_role("slider").first.press("PageUp")  # where there is more to see
-        page.locator("#Pictures").evaluate("one => scrollTo(0, one.offsetTop - 60)")
-        page.set_viewport_size({"width": WIDTH, "height": 2 * HEIGHT})
+        page.set_viewport_size({"width": WIDTH, "height": HEIGHT * 33 // 20})
         page.wait_for_timeout(1000)  # it is laid out again
+        page.evaluate("scrollTo(0, document.documentElement.scrollHeight)")
         write_picture(page, "dashboard_below.png")
         browser.close()
 

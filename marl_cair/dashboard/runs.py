@@ -79,13 +79,13 @@ class RunReader:
         """
         self._read_rows()
         settings = read_yaml(self._folder / CONFIG_FILE)
-        game, policy = settings["game"], settings["policy"]
+        game, body = settings["game"], settings["policy"]["body"]
         steps, _ = self._metrics.get("frames", ([0], []))
         return {
             "label": self._label,
             "steps": steps[-1],
             "total_steps": settings["total_frames"],
-            "about": f"{game['name']} {game['scenario']}, {policy['body']}, seed {settings['seed']}",
+            "about": f"{game['name']} {game['scenario']}, {body}, seed {settings['seed']}",
             "metrics": self._metrics,
             **list_files(self._folder),
         }

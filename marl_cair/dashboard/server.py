@@ -73,8 +73,8 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
 
 
 def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
-    """Write the page with all numbers and pictures of now, and the newest recorded game of each run,
-    as one HTML file of about 5 MB, which needs neither a network nor a server.
+    """Write the page with all numbers and pictures of now, and with the newest recorded game of
+    each run, as one HTML file of about 5 MB, which needs neither a network nor a server.
     """
     data = read_runs([RunReader(label, folder) for label, folder in runs.items()])
     for run, folder in zip(data["runs"], runs.values(), strict=True):

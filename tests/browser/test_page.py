@@ -130,9 +130,7 @@ def test_the_page_fits_the_screen(browser, folders, width, scheme):
         (280, 800, 1, None, "auto"),
     ],
 )
-def test_the_board_has_whole_pixels(
-    browser, folders, width, height, density, shown, rendering
-):
+def test_the_board_has_whole_pixels(browser, folders, width, height, density, shown, rendering):
     context = browser.new_context(
         viewport={"width": width, "height": height}, device_scale_factor=density
     )

@@ -45,7 +45,7 @@ DRAW = """(seconds) => {
   const { play } = globalThis, begun = performance.now();
   let pictures = 0;
   for (play.rules.reset(3); performance.now() - begun < 1000 * seconds; pictures++)
-    play.draw(play.rules.observe("picture", 0));
+    play.draw(...play.rules.observeBoard(0));
   return 1000 * pictures / (performance.now() - begun);
 }"""
 SEEK = """(seconds) => {

@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from marl_cair.browser.compiling import load_rules
@@ -50,7 +51,8 @@ def write_folder(
     """Write the page, the rules and the opponent into `folder`, which is new, empty, or of an
     earlier call.
 
-    write_network: writes the ONNX file of an opponent that is a network.
+    write_network: writes the ONNX file of an opponent that is a network; if it raises, nothing is
+        written.
 
     Raises:
         ValueError: the folder holds other files, a person cannot play the scenario, or the rules
@@ -63,13 +65,14 @@ def write_folder(
     representation = opponent.representation
     if opponent.bot:
         representation = game.bot(opponent.bot, scenario).representation
-    rules = load_rules(game, scenario, opponent.bot, representation)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / RULES_FILE, rules)
-    for file in (*sorted(_PAGE.iterdir()), *runtime):
-        shutil.copyfile(file, folder / file.name)
-    if write_network is not None:
-        write_network(folder / NETWORK_FILE)
+    with TemporaryDirectory() as made:
+        if write_network is not None:  # before the minutes of compiling: it may refuse the network
+            write_network(Path(made) / NETWORK_FILE)
+        rules = load_rules(game, scenario, opponent.bot, representation)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / RULES_FILE, rules)
+        for file in (*sorted(_PAGE.iterdir()), *runtime, *Path(made).iterdir()):
+            shutil.copyfile(file, folder / file.name)
     about = describe_game(game, scenario_name, scenario, opponent, representation)
     write_atomically(folder / ABOUT_FILE, json.dumps(about))
 

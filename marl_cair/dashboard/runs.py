@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -79,12 +79,13 @@ class RunReader:
         """
         self._read_rows()
         settings = read_yaml(self._folder / CONFIG_FILE)
+        game, body = settings["game"], settings["policy"]["body"]
         steps, _ = self._metrics.get("frames", ([0], []))
         return {
             "label": self._label,
             "steps": steps[-1],
             "total_steps": settings["total_frames"],
-            "about": describe(settings),
+            "about": f"{game['name']} {game['scenario']}, {body}, seed {settings['seed']}",
             "metrics": self._metrics,
             **list_files(self._folder),
         }
@@ -109,12 +110,6 @@ def read_runs(readers: Iterable[RunReader]) -> dict[str, Any]:
     """What the page shows: charts and runs. Raises DamagedFileError as `RunReader.read`."""
     charts = [chart._asdict() for chart in CHARTS]
     return {"charts": charts, "runs": [reader.read() for reader in readers]}
-
-
-def describe(settings: Mapping[str, Any]) -> str:
-    """A run in one line, for example "deep_line_wars 10x15, conv, seed 0"."""
-    game, policy = settings["game"], settings["policy"]
-    return f"{game['name']} {game['scenario']}, {policy['body']}, seed {settings['seed']}"
 
 
 def list_files(folder: Path) -> dict[str, dict[str, float]]:

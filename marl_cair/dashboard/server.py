@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -72,12 +73,15 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
 
 
 def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
-    """Write the page with all numbers and pictures of now as one HTML file of about 5 MB, which
-    needs neither a network nor a server. Recorded games are not in it.
+    """Write the page with all numbers and pictures of now, and with the newest recorded game of
+    each run, as one HTML file of about 5 MB, which needs neither a network nor a server.
     """
     data = read_runs([RunReader(label, folder) for label, folder in runs.items()])
     for run, folder in zip(data["runs"], runs.values(), strict=True):
-        run["games"] = {}
+        newest, run["games"] = sorted(run["games"], key=run["games"].get)[-1:], {}
+        for name in newest:
+            with suppress(ValueError):  # of other rules, or damaged: the page is of use without it
+                run["games"][name] = make_viewer(folder / FILES["games"][0] / name).decode()
         run["pictures"] = {name: _encode(folder / name) for name in run["pictures"]}
     write_atomically(path, _make_page(data, None))
 
@@ -121,7 +125,7 @@ def _make_page(data: Mapping[str, Any] | None, script: str | None) -> str:
     """The page with `data`, or one that asks a server for it; Plotly is read from the address
     `script`, or is part of the page.
     """
-    text = json.dumps(data).replace("</", "<\\/")  # the end of a script inside of one
+    text = json.dumps(data).replace("<", "\\u003c")  # no script begins or ends inside of one
     plotly = f'<script src="{script}"></script>' if script else f"<script>{read_plotly()}</script>"
     page = _PAGE.read_text("utf-8")
     return page.replace("<!-- plotly -->", plotly).replace("/* data */ null", text)

@@ -6,6 +6,7 @@ import pytest
 
 from marl_cair.games import replays
 from tests.browser.conftest import open_page, serve
+from tests.chromium import FIND_CONTRAST, READABLE
 
 WIDTHS = (360, 1280)
 
@@ -114,6 +115,54 @@ def test_the_page_fits_the_screen(browser, folders, width, scheme):
         )
         assert min(sides) >= 44  # fingers
         assert page.locator("#board").bounding_box()["width"] > 0.6 * min(width, 1000)
+        contrast, text = page.evaluate(FIND_CONTRAST)
+        assert contrast >= READABLE, text
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "density", "shown", "rendering"),
+    [
+        (1280, 800, 1, 288, "pixelated"),  # its own size, as twice its height is too much
+        (1280, 1400, 1, 576, "pixelated"),
+        (1280, 800, 2, 288, "pixelated"),  # 2 pixels of the screen
+        (1280, 1100, 2, 432, "pixelated"),  # 3
+        (1280, 800, 1.5, 288, "auto"),
+        (280, 800, 1, None, "auto"),
+    ],
+)
+def test_the_board_has_whole_pixels(browser, folders, width, height, density, shown, rendering):
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, device_scale_factor=density
+    )
+    with serve(folders("flappy_bird")) as address:
+        page = context.new_page()
+        page.goto(address)
+        page.locator("#start:enabled").wait_for()
+        page.wait_for_timeout(100)
+        box, style = page.locator("#board").evaluate(
+            "one => [one.getBoundingClientRect().width, one.style.imageRendering]"
+        )
+        room = page.evaluate("document.getElementById('stage').clientWidth")
+    context.close()
+    assert (round(box), style) == (shown or room, rendering)
+
+
+def test_the_table_is_of_the_moment_that_the_board_shows(line_wars):
+    page = line_wars
+    half = """async () => {
+      play.controls.order(2, "buy_footman");
+      play.isPaused = false;
+      await play.advance(500 * play.game.seconds_per_step);
+      play.isPaused = true;
+      const later = [...play.rules.glimpse(play.actions, play.shownTicks, 0)[1]];
+      return [later, play.played.length, [...play.rules.observe("vector", 0)]];
+    }"""
+    later, steps, earlier = page.evaluate(half)
+    names = [row["own"] for row in page.evaluate("play.game.numbers")]
+    own = page.locator("#numbers td:nth-child(2)").all_inner_texts()
+    assert steps == 1
+    assert [float(text) for text in own] == pytest.approx([later[at] for at in names], abs=0.01)
+    assert [later[at] for at in names] != [earlier[at] for at in names]
 
 
 def test_a_bird_flaps_by_space(browser, folders):

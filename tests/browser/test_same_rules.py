@@ -82,21 +82,24 @@ def check_game(game, engine, bot):
     assert hash_state(engine) == game["hash"], f"seed {game['seed']}"
 
 
-def check_games(browser, folder, name, num_games):
+def check_games(browser, folder, name, num_games, at_once=QUICK):
     game = GAMES[name]
     scenario = game.scenario()
     engine, bot = BatchedEngine(game, scenario), game.bot([*game.bots][-1], scenario)
     with serve(folder) as address, open_page(browser, address) as page:
-        for first in range(0, num_games, QUICK):
-            found = page.evaluate(PLAY, [first, QUICK])
-            assert len(found) == QUICK
+        for first in range(0, num_games, at_once):
+            found = page.evaluate(PLAY, [first, at_once])
+            assert len(found) == at_once
             for played in found:
                 check_game(played, engine, bot)
 
 
-@pytest.mark.parametrize("name", ["deep_line_wars", "flappy_bird"])  # all games: slow, below
-def test_games_end_in_the_state_of_python(browser, folders, name):
-    check_games(browser, folders(name), name, QUICK)
+# All games: slow, below. Deep Maze's games are long.
+@pytest.mark.parametrize(
+    ("name", "count"), [("deep_line_wars", QUICK), ("flappy_bird", QUICK), ("deep_maze", 5)]
+)
+def test_games_end_in_the_state_of_python(browser, folders, name, count):
+    check_games(browser, folders(name), name, count, count)
 
 
 @pytest.mark.slow
@@ -130,7 +133,7 @@ def test_the_state_between_two_steps_is_shown_and_forgotten(browser, folders):
       rules.reset(1);
       rules.step([1, 1]);
       const hash = await rules.hash();
-      const pictures = [0, 5, 10].map((ticks) => rules.glimpse([0, 0], ticks, 0).join());
+      const pictures = [0, 5, 10].map((ticks) => rules.glimpse([0, 0], ticks, 0)[0].join());
       const isKept = hash === await rules.hash();
       rules.step([0, 0]);
       return [isKept, pictures, rules.observe("picture", 0).join()];

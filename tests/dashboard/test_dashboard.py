@@ -1,9 +1,11 @@
 """The dashboard: its numbers, what its server answers, and the page in a real browser."""
 
 import json
+import os
 import shutil
 import sys
 from http.client import HTTPConnection
+from threading import Event
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -13,12 +15,19 @@ from PIL import Image
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
 from marl_cair.dashboard.runs import RunReader
-from marl_cair.dashboard.server import make_server, write_dashboard
+from marl_cair.dashboard.server import make_server, make_viewer, write_dashboard
 from marl_cair.games import make_engine
 from marl_cair.games.replays import ReplayWriter
 from marl_cair.training.run_log import format_rows, parse_log
 from marl_cair.training.settings.config_file import save_config
-from tests.chromium import browser, need_browser, serving, watched_page
+from tests.chromium import (
+    FIND_CONTRAST,
+    READABLE,
+    browser,
+    need_browser,
+    serving,
+    watched_page,
+)
 
 __all__ = ["browser"]  # a fixture
 pytest.importorskip("plotly", reason="plotly is of the extra `dashboard`")
@@ -160,6 +169,19 @@ def test_a_damaged_log_is_reported_and_the_server_goes_on(runs):
 
 
 @need_browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [360, 1280])
+def test_the_page_fits_and_can_be_read(browser, runs, width, scheme):
+    record_game(runs["conv"])
+    with serving(make_server(runs, 0)) as address, watched_page(browser, width, scheme) as page:
+        page.goto(address)
+        page.get_by_role("button", name="conv: conv-0000").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        contrast, text = page.evaluate(FIND_CONTRAST)
+        assert contrast >= READABLE, text
+
+
+@need_browser
 @pytest.mark.parametrize(("width", "scheme"), [(360, "dark"), (1280, "light")])
 def test_the_page_follows_the_runs(browser, runs, width, scheme):
     with serving(make_server(runs, 0)) as address, watched_page(browser, width, scheme) as page:
@@ -180,31 +202,101 @@ def test_the_page_follows_the_runs(browser, runs, width, scheme):
         assert page.locator("img").evaluate("image => image.naturalWidth") == 8
 
 
-@need_browser
-def test_the_last_evaluation_plays_in_the_viewer(browser, runs):
+def record_game(run, name="conv-0000", actions=(1, 2, 3)):
+    """A game of the last evaluation in the run's folder."""
     engine = make_engine("deep_maze", num_worlds=1)
     engine.reset(np.zeros(1, np.uint64))
-    path = runs["conv"] / "games" / "conv-0000.replay"
+    path = run / "games" / f"{name}.replay"
     with ReplayWriter(path, engine, map_seed=0, players=["conv"]) as writer:
-        for action in (1, 2, 3):
+        for action in actions:
             engine.step(np.array([[action]], np.int32))
             writer.add(np.array([action]))
+    return path
+
+
+@need_browser
+def test_the_last_evaluation_plays_in_the_viewer(browser, runs, monkeypatch):
+    record_game(runs["conv"])
+    is_seen = Event()
+
+    def make_slowly(path):
+        is_seen.wait(30)
+        return make_viewer(path)
+
+    monkeypatch.setattr("marl_cair.dashboard.server.make_viewer", make_slowly)
     with serving(make_server(runs, 0)) as address, watched_page(browser) as page:
         page.goto(address)
         page.get_by_role("button", name="conv: conv-0000").click()
+        assert "The game is played again" in page.locator("#wait").inner_text()
+        is_seen.set()
         page.frame_locator("#viewer").get_by_text("step 0 / 3").wait_for()  # raises if not
+        page.locator("#wait:empty").wait_for(state="attached")
         assert get(address, "/games/conv/other.replay")[0] == 404
 
 
 @need_browser
+def test_the_page_is_used_by_keys_alone(browser, runs):
+    record_game(runs["conv"])
+    with serving(make_server(runs, 0)) as address, watched_page(browser) as page:
+        page.goto(address)
+        page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
+        page.keyboard.press("Tab")
+        page.keyboard.press("Tab")  # from conv to capsule
+        page.keyboard.press("Space")
+        drawn = "document.querySelector('.js-plotly-plot').data.map(t => t.name)"
+        assert page.evaluate(drawn) == ["conv: random"]
+        assert page.evaluate("document.activeElement.id") == "run 1"  # it was made again
+        for key in ("Tab", "Enter", "Tab"):  # past the charts, to the first button
+            page.keyboard.press(key)
+        assert page.evaluate("document.activeElement.textContent") == "conv: conv-0000"
+        page.keyboard.press("Enter")
+        page.frame_locator("#viewer").get_by_text("step 0 / 3").wait_for()
+
+
+@need_browser
+def test_every_curve_of_a_chart_has_its_own_look_and_name(browser, runs):
+    names = [f"actions/kind_{number}" for number in range(12)]
+    for run in runs.values():
+        rows = [{"frames": 1000.0 * row} | dict.fromkeys(names, 0.1 * row) for row in (1, 2)]
+        (run / "log.csv").write_text(format_rows(rows))
+    with serving(make_server(runs, 0)) as address, watched_page(browser) as page:
+        page.goto(address)
+        page.wait_for_selector(".js-plotly-plot .legend .traces")
+        looks = page.evaluate("""document.querySelector('.js-plotly-plot').data
+          .map(t => [t.line.color, t.line.dash, t.mode, t.marker.symbol].join())""")
+        assert len(looks) == len(set(looks)) == 24
+        assert page.locator(".js-plotly-plot .legend .traces").count() == 24
+        page.get_by_label("capsule").uncheck()  # a colour for each metric of one run
+        looks = page.evaluate("""document.querySelector('.js-plotly-plot').data
+          .map(t => [t.line.color, t.line.dash, t.mode, t.marker.symbol].join())""")
+        assert len(looks) == len(set(looks)) == 12
+
+
+@need_browser
 def test_an_exported_page_needs_no_server(browser, runs, tmp_path):
-    write_dashboard({"</script><b>": runs["conv"]}, tmp_path / "page.html")
+    for number, actions in enumerate([(1, 2, 3), (1, 2, 3, 4)]):
+        game = record_game(runs["conv"], f"conv-000{number}", actions)
+        os.utime(game, (number, number))
+    write_dashboard({"</script><!--<script>": runs["conv"]}, tmp_path / "page.html")
     with watched_page(browser) as page:
         page.goto((tmp_path / "page.html").as_uri())
         page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
-        assert page.locator("#runs").inner_text().startswith("</script><b>")
-        assert not page.get_by_text("Games of the last evaluation").is_visible()
+        assert page.locator("#runs").inner_text().startswith("</script><!--<script>")
         assert page.locator("img").evaluate("image => image.naturalWidth") == 8
+        (button,) = page.locator("#list button").all()
+        button.click()
+        page.frame_locator("#viewer").get_by_text("step 0 / 4").wait_for()  # the newest game
+
+
+@need_browser
+def test_a_game_that_cannot_be_read_is_left_out_of_the_export(browser, runs, tmp_path):
+    game = record_game(runs["conv"])
+    game.write_bytes(game.read_bytes().replace(b'"rules_version": "', b'"rules_version": "0.'))
+    write_dashboard(runs, tmp_path / "page.html")
+    with watched_page(browser) as page:
+        page.goto((tmp_path / "page.html").as_uri())
+        page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
+        assert not page.get_by_text("Games of the last evaluation").is_visible()
 
 
 def test_the_command_writes_the_page(runs, tmp_path, capsys):

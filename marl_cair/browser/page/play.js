@@ -8,6 +8,7 @@ import { Rules } from "./rules.js";
 const find = (id) => document.getElementById(id);
 const wanted = new URLSearchParams(location.search);
 const NO_WINNER = -1;
+const HIGHEST = 0.74; // share of the window's height that the board may take
 
 class Play {
   static async load() {
@@ -132,7 +133,7 @@ class Play {
     const tick = Math.floor((passed / whole) * ticks);
     if (this.actions && this.game.has_look && tick > 0 && tick < ticks && tick !== this.shownTicks) {
       this.shownTicks = tick;
-      this.draw(this.rules.glimpse(this.actions, tick, this.seat));
+      this.draw(...this.rules.glimpse(this.actions, tick, this.seat));
     }
     return passed;
   }
@@ -146,25 +147,24 @@ class Play {
   // --- what is shown -------------------------------------------------------------------------
 
   show() {
-    this.draw(this.rules.observe("picture", this.seat));
+    this.draw(...this.rules.observeBoard(this.seat));
     this.controls.showLegal(this.rules.legalActions(this.seat).slice());
     this.paint();
-    const numbers = this.rules.arrays["vector"] ? this.rules.observe("vector", this.seat) : [];
-    for (const { own, enemy, cells } of this.numbers ??= makeNumbers(this.game)) {
-      cells[0].textContent = format(numbers[own]);
-      if (cells[1]) cells[1].textContent = format(numbers[enemy]);
-    }
     find("steps").textContent = `${this.played.length} of ${this.game.max_steps}`;
     find("score").textContent = format(this.score);
   }
 
-  // picture: uint8 [3, height, width].
-  draw(picture) {
+  // picture: uint8 [3, height, width]; numbers: of the same moment, for the table.
+  draw(picture, numbers) {
     const { data } = this.image, size = picture.length / 3;
     for (let pixel = 0; pixel < size; pixel++) {
       data[4 * pixel] = picture[pixel];
       data[4 * pixel + 1] = picture[size + pixel];
       data[4 * pixel + 2] = picture[2 * size + pixel];
+    }
+    for (const { own, enemy, cells } of this.numbers ??= makeNumbers(this.game)) {
+      cells[0].textContent = format(numbers[own]);
+      if (cells[1]) cells[1].textContent = format(numbers[enemy]);
     }
     this.paint();
   }
@@ -185,6 +185,8 @@ class Play {
   }
 
   listen(canvas) {
+    new ResizeObserver(() => fit(canvas)).observe(find("stage"));
+    addEventListener("resize", () => fit(canvas)); // another height, or another screen
     find("start").addEventListener("click", () => this.start());
     find("pause").addEventListener("click", () => this.setPaused(!this.isPaused));
     find("one").addEventListener("click", () => this.single());
@@ -221,6 +223,16 @@ class Play {
     else if (!this.controls.press(event)) return;
     event.preventDefault();
   }
+}
+
+// Enlarge the board by a whole number of the screen's pixels, or to its own size where that is
+// larger; it is smooth where its pixels cannot be equal squares.
+function fit(canvas) {
+  const across = find("stage").clientWidth / canvas.width;
+  const room = Math.min(across, (HIGHEST * innerHeight) / canvas.height) * devicePixelRatio;
+  const times = Math.max(Math.floor(room), Math.min(room, devicePixelRatio));
+  canvas.style.width = `${(times * canvas.width) / devicePixelRatio}px`;
+  canvas.style.imageRendering = Number.isInteger(times) ? "pixelated" : "auto";
 }
 
 function say(text) {

@@ -80,14 +80,19 @@ export class Rules {
     return array.subarray(seat * size, (seat + 1) * size);
   }
 
-  // A seat's picture after `ticks` ticks of a step with these actions; the state stays as it is.
+  // A seat's picture and its numbers (none in games without): views that the next call overwrites.
+  observeBoard(seat) {
+    return [this.observe("picture", seat), this.arrays.vector ? this.observe("vector", seat) : []];
+  }
+
+  // As `observeBoard`, after `ticks` ticks of a step with these actions; the state stays as it is.
   glimpse(actions, ticks, seat) {
     const kept = this.state.map((name) => this.arrays[name].slice());
     this.arrays.actions.set(actions);
     this.run("look", BigInt(ticks));
-    const picture = this.observe("picture", seat);
+    const shown = this.observeBoard(seat);
     this.state.forEach((name, index) => this.arrays[name].set(kept[index]));
-    return picture;
+    return shown;
   }
 
   // SHA-256 of state and outcome, in hexadecimal; Python's `games.replays.hash_state` is its start.

@@ -73,6 +73,18 @@ def test_what_cannot_be_played_is_refused(written, capsys, words, message):
     assert written == []
 
 
+def test_a_network_without_the_extra_is_refused_before_compiling(monkeypatch, capsys, tmp_path):
+    compiled = []
+    monkeypatch.setattr("marl_cair.browser.runtime.find_runtime", list)
+    monkeypatch.setattr("marl_cair.browser.folder.find_runtime", list)
+    monkeypatch.setattr("marl_cair.browser.folder.load_rules", lambda *_: compiled.append(1))
+    monkeypatch.setattr("marl_cair.cli.agent.export.find_spec", lambda name: None)
+    folder = tmp_path / "page"
+    assert play("deep_line_wars", "--opponent", AGENT, "--out", str(folder)) == EXIT_REFUSED
+    assert "export needs onnx, onnxscript, onnxruntime" in capsys.readouterr().err
+    assert (compiled, folder.exists()) == ([], False)
+
+
 def test_install_fetches_the_runtime(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("marl_cair.browser.runtime.install_runtime", lambda: tmp_path)
     assert main(["play", "install"]) == EXIT_DONE

@@ -24,6 +24,7 @@ from marl_cair.training.trainer import train
 
 FINISHED_FILE = "finished.txt"  # marks a run that a later call need not resume
 GAME, SCENARIO = "deep_line_wars", "11x11"
+TRAINED = "agents/deep_line_wars_10x15"  # of a checkout
 NETWORKS = {"conv": "small_conv", "capsule": "capsule"}  # by name: a choice of policy=
 RIVAL = "random"  # the bot that a network must beat before it is rated
 # More bots than in the default: in minutes they teach more than a pool of beginners.
@@ -33,7 +34,7 @@ Look at   {out}/league/report.html  the ladder with 95 % intervals, win rates of
           {out}/league/league.png   the same as a picture
           {out}/curves.png          learning curves, generator, actions
           {out}/game.gif            a game that the conv network wins against the bot `random`
-Try next  .venv/bin/marl-cair play deep_line_wars --opponent {out}/capsule/latest
+Try next  .venv/bin/marl-cair play deep_line_wars --opponent agents/deep_line_wars_10x15
           .venv/bin/marl-cair dashboard {out}/conv {out}/capsule
           .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000
           .venv/bin/marl-cair league {out}/conv/latest {out}/capsule/latest counter economist
@@ -102,6 +103,10 @@ def run_demo(settings: DemoSettings) -> Path:
         OutputFolderError: the folder holds other runs.
         ValueError: a network did not reach `settings.score`.
     """
+    out, shown = Path(settings.out), Path(settings.out) / "watch.gif"
+    if Path(TRAINED).exists() and not shown.exists():
+        film_win(TRAINED, "counter", GAME, "10x15", settings.seed, shown)
+        tqdm.write(f"[0/4] a game of {TRAINED}, to watch meanwhile: {shown}")
     for number, network in enumerate(NETWORKS, start=1):
         tqdm.write(f"[{number}/4] training the {network} network in {settings.out}/{network}")
         _train(settings, network)
@@ -120,8 +125,8 @@ def run_demo(settings: DemoSettings) -> Path:
     )
     tqdm.write(league.text)
     tqdm.write("[4/4] filming a game")
-    film_win(agents[0], RIVAL, GAME, SCENARIO, settings.seed, Path(settings.out) / "game.gif")
-    return Path(settings.out)
+    film_win(agents[0], RIVAL, GAME, SCENARIO, settings.seed, out / "game.gif")
+    return out
 
 
 def _train(settings: DemoSettings, network: str) -> None:
@@ -143,19 +148,15 @@ def _train(settings: DemoSettings, network: str) -> None:
             f"{result.frames:,} environment steps, it must have {settings.score:.0%}: train longer "
             f"with --frames {2 * settings.frames}, or take another --out and --seed"
         )
-    text = (
-        f"{network}: {result.last_row['confirmed_score']:.0%} of the points in "
-        f"{settings.evaluation_games} new games against {RIVAL} after {result.frames:,} "
-        "environment steps"
-    )
+    points = f"{result.last_row['confirmed_score']:.0%} of the points"
+    games = f"{settings.evaluation_games} new games against {RIVAL}"
+    text = f"{network}: {points} in {games} after {result.frames:,} environment steps"
     tqdm.write(text)
     write_atomically(finished, f"{text}\n")
 
 
 def film_win(agent: str, opponent: str, game: str, scenario: str, seed: int, path: Path) -> None:
-    """Write the first game that `agent` wins in seat 0, of seeds from `seed` on, as a GIF; the
-    first game if it wins none of 50.
-    """
+    """Write the first of 50 games that `agent` wins in seat 0, else the first, as a GIF."""
     rules = GAMES[game]
     played = rules.scenario(scenario)
     agents = load_agent(agent, game, played), load_agent(opponent, game, played)

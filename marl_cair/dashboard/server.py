@@ -80,7 +80,7 @@ def write_dashboard(runs: Mapping[str, Path], path: Path) -> None:
     for run, folder in zip(data["runs"], runs.values(), strict=True):
         newest, run["games"] = sorted(run["games"], key=run["games"].get)[-1:], {}
         for name in newest:
-            with suppress(ValueError):  # of other rules, or damaged: the page is of use without it
+            with suppress(ValueError, OSError):  # of other rules, damaged, or replaced
                 run["games"][name] = make_viewer(folder / FILES["games"][0] / name).decode()
         run["pictures"] = {name: _encode(folder / name) for name in run["pictures"]}
     write_atomically(path, _make_page(data, None))

@@ -82,14 +82,14 @@ def check_game(game, engine, bot):
     assert hash_state(engine) == game["hash"], f"seed {game['seed']}"
 
 
-def check_games(browser, folder, name, num_games, at_once=QUICK):
+def check_games(browser, folder, name, num_games):
     game = GAMES[name]
     scenario = game.scenario()
     engine, bot = BatchedEngine(game, scenario), game.bot([*game.bots][-1], scenario)
     with serve(folder) as address, open_page(browser, address) as page:
-        for first in range(0, num_games, at_once):
-            found = page.evaluate(PLAY, [first, at_once])
-            assert len(found) == at_once
+        for first in range(0, num_games, QUICK):
+            found = page.evaluate(PLAY, [first, QUICK])
+            assert len(found) == QUICK
             for played in found:
                 check_game(played, engine, bot)
 
@@ -97,7 +97,7 @@ def check_games(browser, folder, name, num_games, at_once=QUICK):
 # All games: slow, below. To compile the others' rules takes minutes.
 @pytest.mark.parametrize("name", ["deep_line_wars", "flappy_bird"])
 def test_games_end_in_the_state_of_python(browser, folders, name):
-    check_games(browser, folders(name), name, QUICK, QUICK)
+    check_games(browser, folders(name), name, QUICK)
 
 
 @pytest.mark.slow

@@ -122,7 +122,7 @@ def add_window_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--statistics",
         metavar="FOLDER",
-        help="of each game's statistics, CSV and JSON (default: beside --record, else --folder)",
+        help="of statistics, CSV and JSON: a folder (default: beside --record, else --folder)",
     )
     parser.add_argument(
         "--folder",

@@ -262,12 +262,15 @@ def find_trained(game: Game, about: AgentDescription) -> dict[str, Any]:
     """The scenario that a checkpoint was trained on: its name under "scenario", and its fields.
 
     A scenario that a user has registered (`register_scenario`) is unknown in another process. Then
-    the fields change the game's default. A field that is newer than the checkpoint has its default.
+    the fields, which a checkpoint has all, change the game's default. A field that is newer than
+    the checkpoint has the value of the named scenario.
     """
     fields, name = restore_fields(about.scenario_options), about.scenario
-    if name not in game.scenarios and fields:
+    if name not in game.scenarios and vars(game.scenario()).keys() <= fields.keys():
         name = game.default_scenario
-    return {"scenario": name, **vars(game.scenario(name)), **fields}
+    if name in game.scenarios:
+        fields = {**vars(game.scenario(name)), **fields}
+    return {"scenario": name, **fields}
 
 
 def _format_difference(own: dict[str, Any], other: dict[str, Any]) -> str:

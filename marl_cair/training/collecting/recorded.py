@@ -88,7 +88,7 @@ def list_differences(theirs: Mapping[str, Any], scenario: Any, skipped: Sequence
     """The fields of `theirs` that are not those of the run's scenario, in words; "" if none is.
     A field that is newer than `theirs` has its default there.
     """
-    held = {**vars(type(scenario)()), **theirs}
+    held = {one.name: one.default for one in dataclasses.fields(scenario)} | {**theirs}
     return "; ".join(
         f"{name} is {held[name]!r} there, {value!r} in this run"
         for name, value in vars(scenario).items()

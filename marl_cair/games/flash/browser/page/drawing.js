@@ -3,8 +3,9 @@
 
 const drawing = (() => {
   // What changes the picture of a canvas, by its name among the functions that Ruffle imports.
-  const CALLS = "clip|drawImage|fill|fillRect|fillText|resetTransform|restore|save|setTransform";
-  const DRAWS = new RegExp(`^__wbg_(${CALLS}|set_\\w+|stroke|transform)_[0-9a-f]{16}$`);
+  const CALLS = "clearRect|clip|drawImage|fill|fillRect|fillText|putImageData|resetTransform|restore";
+  const MORE = "save|setTransform|set_\\w+|stroke|transform";
+  const DRAWS = new RegExp(`^__wbg_(${CALLS}|${MORE})_[0-9a-f]{16}$`);
   let context = null; // of the game's canvas, where this is drawn by "canvas"
   let isHidden = false; // from now on
   let isStale = false; // the canvas shows an earlier frame
@@ -41,8 +42,11 @@ const drawing = (() => {
   // Runs `frame`; all that it draws is left out if `hides`.
   function run(frame, hides) {
     isHidden = hides;
-    frame();
-    isHidden = false;
+    try {
+      frame();
+    } finally {
+      isHidden = false;
+    }
   }
 
   // Draws the frame that was left out. Ruffle draws again when the size of a pixel changes.

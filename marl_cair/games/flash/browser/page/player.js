@@ -42,6 +42,7 @@ async function load(seed) {
   });
   player.focus();
   if (isLockstep) {
+    raisePanic();
     drawing.follow(canvas());
     for (let tick = 0; tick < FIRST_TICKS; tick++) clock.tick();
   } else {
@@ -134,9 +135,11 @@ async function run(request) {
   let picture = new Uint8Array(0);
   try {
     if (request.seed) await load(request.seed);
+    else if (request.picture && !request.frames) drawing.catchUp(); // before events change the game
     for (const event of request.events ?? []) dispatch(event);
     finishMove();
     runFrames(request.frames ?? 0, request.picture || settings.rows > 0);
+    if (settings.rows > 0) drawing.catchUp();
     raisePanic();
     answer.values = (request.calls ?? []).map(call);
     if (request.picture) picture = readPicture(request.picture);

@@ -6,10 +6,12 @@ import math
 import pytest
 import torch
 
+from marl_cair.games import make_engine
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.gate import Acceptance, GateReport
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay import load_dataset
+from marl_cair.training.collecting.filling import _check_game
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import GameSettings, GeneratorSettings
@@ -159,3 +161,15 @@ def test_what_needs_play_is_refused(folder, tmp_path):
     off = dataclasses.replace(config, game=game, policy=QNetworkConfig(hidden_width=32))
     with pytest.raises(ValueError, match="is of deep_line_wars .* planes, this run of .* heatmap"):
         TrainingRun(off)
+
+
+def test_a_field_that_is_newer_than_the_data_set_has_its_default_there(folder):
+    about = load_dataset(folder).about
+    held = {name: value for name, value in about.scenario_options.items() if name != "max_ticks"}
+    older = dataclasses.replace(about, scenario_options=held)
+    usual = make_engine("deep_line_wars", "11x11", reward="shaped")
+    _check_game("data", older, usual, "planes")
+    other = make_engine("deep_line_wars", "11x11", reward="shaped", max_ticks=70)
+    message = f"max_ticks is {usual.scenario.max_ticks} there, 70 in this run"
+    with pytest.raises(ValueError, match=message):
+        _check_game("data", older, other, "planes")

@@ -9,7 +9,6 @@ from marl_cair.games import GAMES
 from marl_cair.games.replays import read_replay, replay_steps
 from marl_cair.league.play.match import play_match
 from marl_cair.league.play.recording import Recording
-from marl_cair.training.collecting.recorded import list_differences
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ReplaySettings
 from marl_cair.training.settings.demonstration import DemonstrationSettings
@@ -143,11 +142,3 @@ def test_players_without_replays_are_refused():
     message = r"demonstration\.players.*\(\) without demonstration\.replays"
     with pytest.raises(ValueError, match=message):
         DemonstrationSettings(players=("turtle",))
-
-
-def test_a_field_that_is_newer_than_the_record_has_its_default_there():
-    scenario = GAMES["flappy_bird"].scenario()
-    older = {name: value for name, value in vars(scenario).items() if name != "max_ticks"}
-    assert list_differences(older, scenario) == ""
-    other = dataclasses.replace(scenario, max_ticks=7)
-    assert list_differences(older, other).startswith(f"max_ticks is {scenario.max_ticks} there, 7")

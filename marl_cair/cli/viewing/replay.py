@@ -44,8 +44,10 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"{options.file} is no file: name a replay, as --record writes one")
     replay = read_replay(options.file)
     num_players = len(replay.players)
-    if (given := len(options.agents)) not in (0, num_players):
-        raise ValueError(f"--agents names {given}, give one for each of {num_players} seats")
+    if (num := len(options.agents)) not in (0, num_players):
+        raise ValueError(
+            f"--agents names {num}, the game has {num_players} seats: give one agent for each seat"
+        )
     if options.player is not None and options.player not in range(num_players):
         raise ValueError(f"--player is {options.player}, it must be in 0..{num_players - 1}")
     if not options.to:
@@ -128,8 +130,7 @@ def save_states(path: str, replay: Replay, every: int) -> int:
             "a film or pictures"
         )
     num_steps = len(replay.actions)
-    steps = list(dict.fromkeys([*range(0, num_steps, every), num_steps]))
-    places = dict(zip(steps, range(len(steps)), strict=True))
+    steps = sorted({*range(0, num_steps + 1, every), num_steps})
     states: dict[str, Any] = {}
     for step, engine in enumerate(replay_steps(replay)):
         if step == 0:
@@ -140,9 +141,9 @@ def save_states(path: str, replay: Replay, every: int) -> int:
                 name: np.empty((len(steps), *value.shape[1:]), value.dtype)
                 for name, value in held.items()
             }
-        if step in places:
+        if step % every == 0 or step == num_steps:
             for name, value in engine.state_dict().items():
-                states[name][places[step]] = value[0]
+                states[name][-(-step // every)] = value[0]
     with atomic_path(path) as unfinished, unfinished.open("wb") as file:
         np.savez_compressed(file, step=np.array(steps), actions=replay.actions, **states)
     return len(steps)

@@ -67,7 +67,8 @@ def _check_game(
             f"the data set {source} is of {' '.join(held)}, this run of {' '.join(wanted)}: "
             "collect another one, or change the run"
         )
-    if differing := list_differences(restore_fields(about.scenario_options), scenario):
+    recorded = game.scenario(None, **restore_fields(about.scenario_options))  # newer fields too
+    if differing := list_differences(vars(recorded), scenario):
         raise ValueError(
             f"the data set {source} is of another scenario: {differing}. Collect it "
             "with --set, or change game.options, game.reward or learner.gamma (shaping_discount)"

@@ -85,14 +85,11 @@ def _fit_scenario(path: Path, replay: Replay, engine: BatchedEngine) -> Replay:
 
 
 def list_differences(theirs: Mapping[str, Any], scenario: Any, skipped: Sequence[str] = ()) -> str:
-    """The fields of `theirs` that are not those of the run's scenario, in words; "" if none is.
-    A field that is newer than `theirs` has its default there.
-    """
-    held = {one.name: one.default for one in dataclasses.fields(scenario)} | {**theirs}
+    """The fields of `theirs` that are not those of the run's scenario, in words; "" if none is."""
     return "; ".join(
-        f"{name} is {held[name]!r} there, {value!r} in this run"
+        f"{name} is {theirs.get(name)!r} there, {value!r} in this run"
         for name, value in vars(scenario).items()
-        if name not in skipped and held[name] != value
+        if name not in skipped and theirs.get(name) != value
     )
 
 

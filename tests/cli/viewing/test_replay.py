@@ -217,7 +217,7 @@ def test_a_page_shows_the_values_of_agents(file, tmp_path):
 
 def test_agents_are_given_for_each_seat(file, tmp_path, capsys):
     words = ["replay", file, "--to", str(tmp_path / "a.html"), "--agents", "turtle"]
-    message = "--agents names 1, give one for each of 2 seats"
+    message = "--agents names 1, the game has 2 seats: give one agent for each seat"
     assert_refused(capsys, message, *words)
 
 

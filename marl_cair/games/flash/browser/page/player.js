@@ -53,6 +53,7 @@ async function load(seed) {
 // All frames but the last are never seen, and this one only in a picture or over VNC.
 function runFrames(numFrames, isSeen) {
   for (let left = numFrames - 1; left >= 0; left--) drawing.run(clock.tick, left > 0 || !isSeen);
+  if (isSeen) drawing.catchUp(); // where the last frame drew nothing
 }
 
 function canvas() {
@@ -115,7 +116,6 @@ function readPicture([columns, rows]) {
     copy.canvas.height = rows;
     copy.imageSmoothingQuality = "medium";
   }
-  drawing.catchUp();
   copy.drawImage(canvas(), 0, 0, columns, rows);
   const rgba = copy.getImageData(0, 0, columns, rows).data;
   const rgb = new Uint8Array(columns * rows * 3);
@@ -139,7 +139,6 @@ async function run(request) {
     for (const event of request.events ?? []) dispatch(event);
     finishMove();
     runFrames(request.frames ?? 0, request.picture || settings.rows > 0);
-    if (settings.rows > 0) drawing.catchUp();
     raisePanic();
     answer.values = (request.calls ?? []).map(call);
     if (request.picture) picture = readPicture(request.picture);

@@ -34,6 +34,7 @@ Look at   {out}/league/report.html  the ladder with 95 % intervals, win rates of
           {out}/league/league.png   the same as a picture
           {out}/curves.png          learning curves, generator, actions
           {out}/game.gif            a game that the conv network wins against the bot `random`
+          {out}/watch.gif           a game of a trained agent, agents/deep_line_wars_10x15
 Try next  .venv/bin/marl-cair play deep_line_wars --opponent {out}/capsule/latest
           .venv/bin/marl-cair dashboard {out}/conv {out}/capsule
           .venv/bin/marl-cair train policy=capsule opponent=self_play total_frames=1000000

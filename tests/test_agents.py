@@ -20,7 +20,7 @@ LEAST = {
     "deep_line_wars_10x15_mixture": (0.33, 0.8),  # 64 %, 90 %
     "deep_rts_1v1_15x15": (0.42, 0.77),  # 70 %, 86 %
     "deep_rts_1v1_15x15_alone": (0.95, 0.97),  # 100 %
-    "flash_duel": (0.54, 0.54),  # 76 %
+    "flash_duel": (0.87, 0.87),  # 97.5 %
 }
 BOTS = {"flash_duel": ("duelist",)}  # others play them all
 

@@ -10,9 +10,9 @@ from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.bots import plans, purchases, sight
 from marl_cair.games.deep_rts.bots.bots import BOTS
 from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES
-from marl_cair.games.deep_rts.orders.orders import GO_THERE, NOOP, SELECT_THERE
+from marl_cair.games.deep_rts.orders.orders import FIRST_PRODUCT, GO_THERE, NOOP, SELECT_THERE
 from marl_cair.games.deep_rts.views.observation import log_level
-from marl_cair.games.deep_rts.views.planes import TIME_LEFT
+from marl_cair.games.deep_rts.views.planes import HAS_ORDER, TIME_LEFT
 from tests.games import bot_play
 from tests.games.bot_play import make_bot, play
 
@@ -85,6 +85,47 @@ def test_every_scripted_bot_beats_random(name):
     engine = make_game(4)
     result = play_match(engine, make_bot(engine, name), make_bot(engine, "random"), seed=11)
     assert result.wins == result.games
+
+
+class PeasantRush:
+    """All peasants attack the hall, or the nearest peasant; the own hall trains more of them."""
+
+    def __init__(self, engine, aims_at_hall):
+        self.seen = sight.make_sight(engine.scenario, DOCTRINES["rusher"])
+        self.aims_at_hall = aims_at_hall
+
+    def seed(self, seed):
+        """It has no chance."""
+
+    def act(self, observation, mask):
+        pairs = zip(observation, mask, strict=True)
+        return np.array([self.choose(planes, legal) for planes, legal in pairs])
+
+    def choose(self, planes, legal):
+        seen = self.seen
+        sight.read_sight(planes, seen)
+        halls = np.flatnonzero(seen.kind == t.TOWN_HALL)
+        own, other = halls[seen.side[halls] == sight.MINE], halls[seen.side[halls] == sight.FOE]
+        people = seen.people[: seen.facts[sight.NUM_PEOPLE]]
+        waiting = [cell for cell in people if not sight.shows(planes, seen, HAS_ORDER, cell)]
+        action = NOOP
+        if len(own) and seen.store[t.GOLD] >= 50 and sight.is_idle(planes, seen, own[0]):
+            action = plans.give_order(planes, legal, seen, own[0], FIRST_PRODUCT + t.PEASANT)
+        elif waiting:
+            goal = sight.nearest_foe(seen, waiting[0], t.NUM_MOBILE_KINDS)
+            if goal == sight.NO_CELL or (self.aims_at_hall and len(other)):
+                goal = other[0] if len(other) else seen.facts[sight.TARGET]
+            action = plans.send(planes, legal, seen, waiting[0], GO_THERE, goal)
+        return action if legal[action] else NOOP
+
+
+@pytest.mark.parametrize("name", DOCTRINES)
+@pytest.mark.parametrize("aims_at_hall", [True, False])
+def test_every_scripted_bot_holds_against_a_rush_of_peasants(name, aims_at_hall):
+    engine = make_game(4)
+    rush = PeasantRush(engine, aims_at_hall)
+    result = play_match(engine, make_bot(engine, name), rush, seed=11)
+    assert result.wins >= (4 if aims_at_hall else 3)
 
 
 def test_a_store_is_read_off_its_level_to_three_in_a_hundred():

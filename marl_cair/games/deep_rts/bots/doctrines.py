@@ -27,23 +27,24 @@ class Doctrine(NamedTuple):
 
 
 _BOTS = ("economist", "rusher", "boomer", "archers", "turtle", "mixed")
-_NUMBERS = {  # a column for each bot
-    "workers_first": (7, 3, 7, 3, 3, 4),
-    "workers": (16, 7, 18, 11, 10, 10),
-    "halls": (1, 1, 2, 1, 1, 1),
-    "barracks": (4, 3, 4, 3, 3, 3),
-    "wells": (1, 0, 1, 0, 1, 1),
-    "upgrades": (0, 0, 1, 0, 2, 0),
-    "attack_size": (8, 4, 12, 8, 14, 5),
-    "caution": (100, 0, 0, 0, 0, 120),
-    "free_food": (2, 1, 2, 1, 1, 1),
-    "lumber_weight": (50, 30, 55, 60, 40, 30),
-    "footmen": (1, 1, 1, 0, 1, 2),
-    "archers": (1, 0, 2, 1, 2, 1),
-    "cavalry": (2, 0, 1, 0, 0, 0),
-    "answers": (0, 0, 0, 0, 0, 2),
-    "militia": (6, 0, 6, 0, 8, 4),
-    "scouts": (0, 0, 0, 0, 0, 1),
+_NUMBERS = {  # a column for each bot, the last for the teacher, see `teacher.py`
+    "workers_first": (7, 4, 7, 4, 4, 4, 1),
+    "workers": (16, 7, 18, 11, 10, 10, 5),
+    "halls": (1, 1, 2, 1, 1, 1, 1),
+    "barracks": (4, 3, 4, 3, 3, 3, 3),
+    "wells": (1, 0, 1, 0, 1, 1, 1),
+    "upgrades": (0, 0, 1, 0, 2, 0, 3),
+    "attack_size": (8, 4, 12, 8, 14, 5, 11),
+    "caution": (100, 0, 0, 0, 0, 120, 28),
+    "free_food": (2, 1, 2, 1, 1, 1, 2),
+    "lumber_weight": (50, 30, 55, 60, 40, 30, 40),
+    "footmen": (1, 1, 1, 0, 1, 2, 2),
+    "archers": (1, 0, 2, 1, 2, 1, 2),
+    "cavalry": (2, 0, 1, 0, 0, 0, 0),
+    "answers": (0, 0, 0, 0, 0, 2, 3),
+    "militia": (6, 4, 6, 4, 8, 4, 5),
+    "scouts": (0, 0, 0, 0, 0, 1, 1),
 }
-DOCTRINES = dict(zip(_BOTS, map(Doctrine, *_NUMBERS.values()), strict=True))
+*_OF_BOTS, TEACHER = map(Doctrine, *_NUMBERS.values())
+DOCTRINES = dict(zip(_BOTS, _OF_BOTS, strict=True))
 NO_DOCTRINE = Doctrine(*(0 for _ in Doctrine._fields))

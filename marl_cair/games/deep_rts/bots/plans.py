@@ -31,7 +31,9 @@ FULL_STORE = 400  # units of which no more is needed
 SKEW = 2  # a store this many times the other, by weight, moves a worker
 STONE_LEVELS = 4  # of the time left, in one of which a worker is moved to the stone
 CHASE_STEPS = 4  # to the enemy, of soldiers that are out without an attack
-MILITIA_STEPS = 4  # to the threat, of peasants that are called
+SPARE_FIGHTERS = 3  # peasants more than those that raid
+MILITIA_STEPS = 4  # to the threat or to another enemy, of peasants that are called
+MILITIA_BIAS = 3  # half steps against peasants that walk, and for the selected one
 SCOUT_LEVELS = 4  # of the time left, in one of which a scout is sent
 SCOUT_WORKERS = 5  # peasants from which one can be spared
 LATE = 50  # level of the time left at which all attack
@@ -88,6 +90,9 @@ def send(planes: Any, mask: Any, seen: Any, unit: int, order: int, goal: int) ->
 def wants_worker(seen: Any) -> bool:
     """True for another peasant: the first ones at any price, no more of them in need."""
     workers, doctrine = purchases.num_workers(seen), seen.doctrine
+    mob = seen.facts[sight.NUM_MOB]
+    if mob > 0 and workers < mob + SPARE_FIGHTERS:
+        return purchases.can_afford(seen, t.PEASANT)
     if purchases.is_outnumbered(seen):
         return bool(workers < min(doctrine.workers_first, BARE_WORKERS))
     if workers < doctrine.workers_first:
@@ -335,23 +340,29 @@ def call_militia(planes: Any, mask: Any, seen: Any) -> int:
     threat = seen.facts[sight.THREAT]
     if threat == sight.NO_CELL or seen.doctrine.militia == 0 or seen.facts[sight.NUM_PEOPLE] == 0:
         return NOOP
-    if seen.facts[sight.NUM_DEFENDERS] >= seen.facts[sight.NUM_RAIDERS]:
+    raiders = seen.facts[sight.NUM_RAIDERS] + seen.facts[sight.NUM_MOB]
+    if seen.facts[sight.NUM_DEFENDERS] >= raiders:
         return NOOP
+    if seen.facts[sight.NUM_MOB] > 0 and seen.facts[sight.NUM_PEOPLE] <= raiders:
+        return NOOP  # the hall trains more of them first
     called = 0
-    chosen, best = sight.NO_CELL, MILITIA_STEPS + 1
+    chosen, goal, best = sight.NO_CELL, sight.NO_CELL, 2 * MILITIA_STEPS + 1
     for place in range(seen.facts[sight.NUM_PEOPLE]):
         cell = seen.people[place]
         if sight.shows(planes, seen, p.IS_FIGHTING, cell):
             called += 1
             continue
-        steps = sight.distance(seen, cell, threat)
-        if cell == seen.facts[sight.SELECTED_CELL] and steps <= MILITIA_STEPS:
-            steps = 0
-        if steps < best:
-            chosen, best = cell, steps
+        foe = sight.nearest_foe(seen, cell, t.NUM_MOBILE_KINDS)
+        cost = 2 * min(sight.distance(seen, cell, foe), sight.distance(seen, cell, threat))
+        if sight.shows(planes, seen, p.IS_WALKING, cell):
+            cost += MILITIA_BIAS  # it may be on its way already
+        elif cell == seen.facts[sight.SELECTED_CELL]:
+            cost -= MILITIA_BIAS
+        if cost < best:
+            chosen, goal, best = cell, foe, cost
     if chosen == sight.NO_CELL or called >= seen.doctrine.militia:
         return NOOP
-    return send(planes, mask, seen, chosen, GO_THERE, threat)
+    return send(planes, mask, seen, chosen, GO_THERE, goal)
 
 
 @compiled

@@ -18,6 +18,7 @@ NO_CELL = -1
 FAR = 1_000_000  # more than any distance or price of a way
 NO_SIDE, MINE, ALLY, FOE = range(4)
 GUARD_STEPS = 6  # from the target: soldiers that defend it
+MOB_STEPS = 4  # from home: enemy peasants that raid, unless one alone looks about
 
 # Facts of a position.
 (
@@ -33,10 +34,11 @@ GUARD_STEPS = 6  # from the target: soldiers that defend it
     NUM_FOE_SOLDIERS,
     NUM_GUARDS,  # of them, near the target
     NUM_RAIDERS,  # of them, on the own ground
+    NUM_MOB,  # the enemy's peasants beside a home without soldiers; 0 for a scout alone
     NUM_PEOPLE,  # peasants on the board
     SAVED_FOR,  # the building or upgrade that gold is saved for, or NO_KIND
     FREE_SMITHY,  # a cell of an own smithy that forges nothing, or NO_CELL
-) = range(NUM_FACTS := 15)
+) = range(NUM_FACTS := 16)
 
 
 class Sight(NamedTuple):
@@ -161,7 +163,7 @@ def read_sight(planes: Any, seen: Any) -> None:
         seen.facts[NUM_SOLDIERS] += seen.own[kind]
         seen.facts[NUM_FOE_SOLDIERS] += seen.foes[kind]
     find_places(planes, seen)
-    count_soldiers(seen)
+    count_soldiers(planes, seen)
 
 
 # --- places --------------------------------------------------------------------------------------
@@ -190,18 +192,25 @@ def find_places(planes: Any, seen: Any) -> None:
 
 
 @compiled
-def count_soldiers(seen: Any) -> None:
-    """Enemy soldiers near the target and on the own ground, own ones there and on the enemy's."""
+def count_soldiers(planes: Any, seen: Any) -> None:
+    """Enemies near the target and on the own ground, own soldiers there and on the enemy's."""
     home, target, radius = seen.facts[HOME], seen.facts[TARGET], home_radius(seen)
+    fights = False
     for cell in range(seen.rules.rows * seen.rules.columns):
+        steps = distance(seen, cell, home)
+        if seen.kind[cell] == t.PEASANT and seen.side[cell] == FOE and steps <= MOB_STEPS:
+            seen.facts[NUM_MOB] += 1
+            fights = fights or shows(planes, seen, p.IS_FIGHTING, cell)
         if not t.PEASANT < seen.kind[cell] < t.NUM_MOBILE_KINDS:
             continue
         if seen.side[cell] == FOE:
             seen.facts[NUM_GUARDS] += int(distance(seen, cell, target) <= GUARD_STEPS)
-            seen.facts[NUM_RAIDERS] += int(distance(seen, cell, home) <= radius)
+            seen.facts[NUM_RAIDERS] += int(steps <= radius)
         elif seen.side[cell] == MINE:
             seen.facts[NUM_OUT] += int(is_out(seen, cell))
-            seen.facts[NUM_DEFENDERS] += int(distance(seen, cell, home) <= radius)
+            seen.facts[NUM_DEFENDERS] += int(steps <= radius)
+    if seen.facts[NUM_DEFENDERS] > 0 or (seen.facts[NUM_MOB] == 1 and not fights):
+        seen.facts[NUM_MOB] = 0
 
 
 @compiled

@@ -119,6 +119,7 @@ class Film(NamedTuple):
 
 FILM = Size(200, 360, 128, 130)  # about as quick as the game
 FILMS = {
+    "deep_rts": (Film(Scene("1v1-15x15", ("mixed", "turtle"), 500, seed=1), (range(500),)),),
     "flash": (
         Film(
             Scene("multitask", ("juggler",), 1_000),

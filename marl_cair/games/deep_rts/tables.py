@@ -259,3 +259,4 @@ PRESETS = {
     ),
 }
 PRESETS["wealthy"] = replace(PRESETS["balanced"], wealth=10)
+PRESETS["wealthy_3"] = replace(PRESETS["balanced"], wealth=3)

@@ -18,7 +18,7 @@ NO_CELL = -1
 FAR = 1_000_000  # more than any distance or price of a way
 NO_SIDE, MINE, ALLY, FOE = range(4)
 GUARD_STEPS = 6  # from the target: soldiers that defend it
-MOB_STEPS = 4  # from home: enemy peasants that raid, unless one alone looks about
+MOB_STEPS = 4  # from home: enemy peasants that raid; a lone scout is not counted
 
 # Facts of a position.
 (

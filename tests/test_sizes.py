@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 2_960,
     "self_play": 1_010,
     "league": 8_060,
-    "training": 7_390,
+    "training": 7_380,
     "experiments": 1_620,
     "viewer": 720,
     "window": 2_440,

@@ -32,7 +32,7 @@ SKEW = 2  # a store this many times the other, by weight, moves a worker
 STONE_LEVELS = 4  # of the time left, in one of which a worker is moved to the stone
 CHASE_STEPS = 4  # to the enemy, of soldiers that are out without an attack
 SPARE_FIGHTERS = 3  # peasants more than those that raid
-MILITIA_STEPS = 4  # to the threat or to another enemy, of peasants that are called
+MILITIA_STEPS = 4  # to an enemy, of peasants that are called
 MILITIA_BIAS = 3  # half steps against peasants that walk, and for the selected one
 SCOUT_LEVELS = 4  # of the time left, in one of which a scout is sent
 SCOUT_WORKERS = 5  # peasants from which one can be spared
@@ -336,9 +336,9 @@ def command(planes: Any, mask: Any, seen: Any) -> int:
 
 @compiled
 def call_militia(planes: Any, mask: Any, seen: Any) -> int:
-    """Peasants near the threat fight where raiders outnumber the own soldiers at home."""
-    threat = seen.facts[sight.THREAT]
-    if threat == sight.NO_CELL or seen.doctrine.militia == 0 or seen.facts[sight.NUM_PEOPLE] == 0:
+    """Peasants near an enemy fight where raiders outnumber the own soldiers at home."""
+    is_safe = seen.facts[sight.THREAT] == sight.NO_CELL
+    if is_safe or seen.doctrine.militia == 0 or seen.facts[sight.NUM_PEOPLE] == 0:
         return NOOP
     raiders = seen.facts[sight.NUM_RAIDERS] + seen.facts[sight.NUM_MOB]
     if seen.facts[sight.NUM_DEFENDERS] >= raiders:
@@ -353,7 +353,7 @@ def call_militia(planes: Any, mask: Any, seen: Any) -> int:
             called += 1
             continue
         foe = sight.nearest_foe(seen, cell, t.NUM_MOBILE_KINDS)
-        cost = 2 * min(sight.distance(seen, cell, foe), sight.distance(seen, cell, threat))
+        cost = 2 * sight.distance(seen, cell, foe)
         if sight.shows(planes, seen, p.IS_WALKING, cell):
             cost += MILITIA_BIAS  # it may be on its way already
         elif cell == seen.facts[sight.SELECTED_CELL]:

@@ -163,7 +163,7 @@ def read_sight(planes: Any, seen: Any) -> None:
         seen.facts[NUM_SOLDIERS] += seen.own[kind]
         seen.facts[NUM_FOE_SOLDIERS] += seen.foes[kind]
     find_places(planes, seen)
-    count_soldiers(planes, seen)
+    count_fighters(planes, seen)
 
 
 # --- places --------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ def find_places(planes: Any, seen: Any) -> None:
 
 
 @compiled
-def count_soldiers(planes: Any, seen: Any) -> None:
+def count_fighters(planes: Any, seen: Any) -> None:
     """Enemies near the target and on the own ground, own soldiers there and on the enemy's."""
     home, target, radius = seen.facts[HOME], seen.facts[TARGET], home_radius(seen)
     fights = False

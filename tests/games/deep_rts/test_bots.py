@@ -12,7 +12,7 @@ from marl_cair.games.deep_rts.bots.bots import BOTS
 from marl_cair.games.deep_rts.bots.doctrines import DOCTRINES
 from marl_cair.games.deep_rts.orders.orders import FIRST_PRODUCT, GO_THERE, NOOP, SELECT_THERE
 from marl_cair.games.deep_rts.views.observation import log_level
-from marl_cair.games.deep_rts.views.planes import HAS_ORDER, TIME_LEFT
+from marl_cair.games.deep_rts.views.planes import FIRST_KIND, HAS_ORDER, IS_FIGHTING, TIME_LEFT
 from tests.games import bot_play
 from tests.games.bot_play import make_bot, play
 
@@ -88,11 +88,10 @@ def test_every_scripted_bot_beats_random(name):
 
 
 class PeasantRush:
-    """All peasants attack the hall, or the nearest peasant; the own hall trains more of them."""
+    """All peasants attack the hall; the own hall trains more of them."""
 
-    def __init__(self, engine, aims_at_hall):
+    def __init__(self, engine):
         self.seen = sight.make_sight(engine.scenario, DOCTRINES["rusher"])
-        self.aims_at_hall = aims_at_hall
 
     def seed(self, seed):
         """It has no chance."""
@@ -112,20 +111,23 @@ class PeasantRush:
         if len(own) and seen.store[t.GOLD] >= 50 and sight.is_idle(planes, seen, own[0]):
             action = plans.give_order(planes, legal, seen, own[0], FIRST_PRODUCT + t.PEASANT)
         elif waiting:
-            goal = sight.nearest_foe(seen, waiting[0], t.NUM_MOBILE_KINDS)
-            if goal == sight.NO_CELL or (self.aims_at_hall and len(other)):
-                goal = other[0] if len(other) else seen.facts[sight.TARGET]
+            goal = other[0] if len(other) else seen.facts[sight.TARGET]
             action = plans.send(planes, legal, seen, waiting[0], GO_THERE, goal)
         return action if legal[action] else NOOP
 
 
 @pytest.mark.parametrize("name", DOCTRINES)
-@pytest.mark.parametrize("aims_at_hall", [True, False])
-def test_every_scripted_bot_holds_against_a_rush_of_peasants(name, aims_at_hall):
+def test_every_scripted_bot_holds_against_a_rush_of_peasants(name):
     engine = make_game(4)
-    rush = PeasantRush(engine, aims_at_hall)
-    result = play_match(engine, make_bot(engine, name), rush, seed=11)
-    assert result.wins >= (4 if aims_at_hall else 3)
+    result = play_match(engine, make_bot(engine, name), PeasantRush(engine), seed=11)
+    assert result.wins == 4
+
+
+def test_peasants_of_close_neighbours_do_not_take_each_other_for_raiders():
+    engine = make_game(2, scenario="FFA-6-15x15")
+    bots = [make_bot(engine, name) for name in DOCTRINES]
+    for planes, _, _ in play(engine, bots, 100):
+        assert not np.any(planes[:, :, FIRST_KIND + t.PEASANT] & planes[:, :, IS_FIGHTING])
 
 
 def test_a_store_is_read_off_its_level_to_three_in_a_hundred():

@@ -335,20 +335,31 @@ def command(planes: Any, mask: Any, seen: Any) -> int:
 
 
 @compiled
-def call_militia(planes: Any, mask: Any, seen: Any) -> int:
-    """Peasants near an enemy fight where raiders outnumber the own soldiers at home."""
-    is_safe = seen.facts[sight.THREAT] == sight.NO_CELL
-    if is_safe or seen.doctrine.militia == 0 or seen.facts[sight.NUM_PEOPLE] == 0:
-        return NOOP
+def waits_for_people(planes: Any, seen: Any, at_home: int) -> bool:
+    """True where raiders are as many as the peasants at home, and the hall trains more of these."""
     raiders = seen.facts[sight.NUM_RAIDERS] + seen.facts[sight.NUM_MOB]
-    if seen.facts[sight.NUM_DEFENDERS] >= raiders:
+    if seen.facts[sight.NUM_MOB] == 0 or at_home > raiders or seen.own[t.TOWN_HALL] == 0:
+        return False
+    if sight.shows(planes, seen, p.IS_WORKING, seen.facts[sight.HOME]):
+        return True
+    has_food = seen.facts[sight.FOOD_MADE] > seen.facts[sight.FOOD_USED]
+    return has_food and (seen.carriers[t.GOLD] > 0 or purchases.can_afford(seen, t.PEASANT))
+
+
+@compiled
+def call_militia(planes: Any, mask: Any, seen: Any) -> int:
+    """Peasants on the own ground and near an enemy fight where raiders outnumber the soldiers."""
+    raiders = seen.facts[sight.NUM_RAIDERS] + seen.facts[sight.NUM_MOB]
+    is_safe = seen.facts[sight.THREAT] == sight.NO_CELL
+    if is_safe or seen.doctrine.militia == 0 or seen.facts[sight.NUM_DEFENDERS] >= raiders:
         return NOOP
-    if seen.facts[sight.NUM_MOB] > 0 and seen.facts[sight.NUM_PEOPLE] <= raiders:
-        return NOOP  # the hall trains more of them first
-    called = 0
+    called, at_home = 0, 0
     chosen, goal, best = sight.NO_CELL, sight.NO_CELL, 2 * MILITIA_STEPS + 1
     for place in range(seen.facts[sight.NUM_PEOPLE]):
         cell = seen.people[place]
+        if sight.distance(seen, cell, seen.facts[sight.HOME]) > sight.home_radius(seen):
+            continue
+        at_home += 1
         if sight.shows(planes, seen, p.IS_FIGHTING, cell):
             called += 1
             continue
@@ -361,6 +372,8 @@ def call_militia(planes: Any, mask: Any, seen: Any) -> int:
         if cost < best:
             chosen, goal, best = cell, foe, cost
     if chosen == sight.NO_CELL or called >= seen.doctrine.militia:
+        return NOOP
+    if waits_for_people(planes, seen, at_home):
         return NOOP
     return send(planes, mask, seen, chosen, GO_THERE, goal)
 

@@ -18,7 +18,8 @@ NO_CELL = -1
 FAR = 1_000_000  # more than any distance or price of a way
 NO_SIDE, MINE, ALLY, FOE = range(4)
 GUARD_STEPS = 6  # from the target: soldiers that defend it
-MOB_STEPS = 4  # from home: enemy peasants that raid; a lone scout is not counted
+MOB_STEPS = 4  # from home: enemy peasants that raid
+SOLDIER_WORTH = 2  # raiding peasants that a soldier at home fights off
 
 # Facts of a position.
 (
@@ -34,7 +35,7 @@ MOB_STEPS = 4  # from home: enemy peasants that raid; a lone scout is not counte
     NUM_FOE_SOLDIERS,
     NUM_GUARDS,  # of them, near the target
     NUM_RAIDERS,  # of them, on the own ground
-    NUM_MOB,  # the enemy's peasants beside a home without soldiers; 0 for a scout alone
+    NUM_MOB,  # the enemy's peasants beside a home they attack, less those the defenders beat
     NUM_PEOPLE,  # peasants on the board
     SAVED_FOR,  # the building or upgrade that gold is saved for, or NO_KIND
     FREE_SMITHY,  # a cell of an own smithy that forges nothing, or NO_CELL
@@ -209,8 +210,8 @@ def count_fighters(planes: Any, seen: Any) -> None:
         elif seen.side[cell] == MINE:
             seen.facts[NUM_OUT] += int(is_out(seen, cell))
             seen.facts[NUM_DEFENDERS] += int(steps <= radius)
-    if seen.facts[NUM_DEFENDERS] > 0 or (seen.facts[NUM_MOB] == 1 and not fights):
-        seen.facts[NUM_MOB] = 0
+    mob = seen.facts[NUM_MOB] - SOLDIER_WORTH * seen.facts[NUM_DEFENDERS]
+    seen.facts[NUM_MOB] = max(0, mob) if fights else 0  # else they scout, or live beside
 
 
 @compiled

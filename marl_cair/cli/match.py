@@ -198,7 +198,7 @@ def describe_doubts(num_games: int, match: MatchResult) -> str:
     """How many of `num_games` are left out of `match` as repeats, are equal, or were forfeited."""
     left_out, text = num_games - match.games, ""
     if left_out:
-        text = f" {left_out} of {num_games} games repeat others, move by move, and do not count."
+        text = f" {left_out} of {num_games} games repeat the others, move by move: not counted."
     text += _warn_of_repeats(match.games, match.distinct_games)
     return text + _warn_of_forfeits(match.forfeits)
 
@@ -206,7 +206,7 @@ def describe_doubts(num_games: int, match: MatchResult) -> str:
 def _warn_of_repeats(num_games: int, num_distinct: int) -> str:
     if num_distinct == num_games:
         return ""
-    return f" (only {num_distinct} of {num_games} games differ: the interval is too narrow)"
+    return f" (only {num_distinct} of {num_games} games differ from one another)"
 
 
 def _warn_of_forfeits(forfeits: Sequence[str]) -> str:

@@ -21,6 +21,7 @@ from marl_cair.league.ratings.rate import Rating
 # Jobs of a round are chosen together, as ratings with intervals take longer than a game and several
 # workers play: 8, or a share of the jobs so far. The number of workers has no influence.
 JOBS_PER_ROUND, SHARE_PER_ROUND = 8, 0.125
+ENOUGH_REPEATS = 24  # of a line-up, that no more of its games are played
 
 # Plays jobs; returns the games so far, agents by number, and int64 [N] the number of each game's
 # block within its line-up.
@@ -108,7 +109,7 @@ def _choose_round(plan: AdaptivePlan, games: Games, blocks: NDArray[np.int64]) -
     chunks = _count_chunks(line_ups, blocks // plan.blocks_per_chunk)
     num_jobs = sum(chunks.values())
     met = count_meetings(num_agents, line_ups)
-    may_play = _find_open_pairs(plan, games, line_ups, blocks, met)
+    may_play = _find_open_pairs(plan, games, line_ups, met)
     counted = games.count_once()
     above, _ = count_points(num_agents, split_pairs(counted))
     model = Likelihood(num_agents, [Rankings(counted.agents, counted.ranks, counted.blocks)])
@@ -196,10 +197,9 @@ def _find_open_pairs(
     plan: AdaptivePlan,
     games: Games,
     line_ups: NDArray[np.int64],
-    blocks: NDArray[np.int64],
     met: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
-    """Pairs [n, n] below their number of games whose last block was not all repeats."""
+    """Pairs [n, n] below their number of games, without those that only repeat games."""
     may_play = met < plan.games_per_pair
     np.fill_diagonal(may_play, val=False)
     for one in plan.ladder:
@@ -207,8 +207,7 @@ def _find_open_pairs(
     unique, numbers = np.unique(line_ups, axis=0, return_inverse=True)
     for number, line_up in enumerate(unique):
         own = numbers.ravel() == number
-        last = own & (blocks == blocks[own].max())
-        if games.is_repeat[last].all():
+        if games.is_repeat[own].sum() >= ENOUGH_REPEATS:
             members = np.unique(line_up)
             may_play[np.ix_(members, members)] = False
     return may_play

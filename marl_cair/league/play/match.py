@@ -90,34 +90,21 @@ class MatchResult:
 
     @property
     def distinct_games(self) -> int:
-        """Number of games that differ in a board, an action or the agents' seats; deterministic
-        agents repeat games.
-        """
+        """Number of games that differ in a board, an action or the agents' seats."""
         return len({(result.first_seat, result.fingerprint) for result in self.results})
 
     def without_repeats(self) -> MatchResult:
-        """The match without blocks that repeat others (see `shows_new`). Leagues count repeated
-        games once; here a block counts whole or not at all.
+        """The first block if all others repeat it: neither the agents nor the maps vary, and more
+        games tell nothing. Else all games: where chance decides, equal ones count as often as they
+        happen.
         """
-        blocks: dict[int, list[GameResult]] = {}
-        for result in self.results:
-            blocks.setdefault(result.block, []).append(result)
-        seen: set[tuple[int, str]] = set()
-        kept = [result for block in blocks.values() if shows_new(block, seen) for result in block]
-        return MatchResult(tuple(kept), self.num_teams)
+        is_varied = self.distinct_games > self.num_teams or bool(self.forfeits)
+        return self if is_varied else MatchResult(self.results[: self.num_teams], self.num_teams)
 
     @property
     def forfeits(self) -> tuple[str, ...]:
         """The reason of each forfeit."""
         return tuple(result.forfeit for result in self.results if result.forfeit)
-
-
-def shows_new(block: Sequence[GameResult], seen: set[tuple[int, str]]) -> bool:
-    """Whether a game of the block differs from all in `seen` (moves and seats); adds them to it."""
-    shown = {(result.first_seat, result.fingerprint) for result in block}
-    is_new = not shown <= seen
-    seen |= shown
-    return is_new
 
 
 def play_match(

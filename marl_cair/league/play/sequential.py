@@ -122,8 +122,10 @@ def play_sequentially(
     if num_blocks < 1:
         raise ValueError(f"max_games is {max_games}, a block has {num_teams} games: give more")
     counted: list[GameResult] = []
+    waiting: list[Sequence[GameResult]] = []  # blocks like the first, while no game differs
     outcomes = start_count(num_teams)
     seen: set[tuple[int, str]] = set()
+    is_varied = False  # see `MatchResult.without_repeats`
     chunks = range(-(-num_blocks // size_chunk(game, BLOCKS_PER_CHUNK)))
     for start in chunks[::CHUNKS_AT_ONCE]:
         part = chunks[start : start + CHUNKS_AT_ONCE]
@@ -133,10 +135,15 @@ def play_sequentially(
             block = played[first : first + num_teams]
             if block[0].block >= num_blocks:
                 break
-            if not match.shows_new(block, seen):
+            waiting.append(block)
+            seen |= {(result.first_seat, result.fingerprint) for result in block}
+            is_varied |= len(seen) > num_teams or any(result.forfeit for result in block)
+            if counted and not is_varied:
                 continue
-            counted += block
-            outcomes[round(float(np.mean([result.score for result in block])), 9)] += 1
+            for one in waiting:
+                counted += one
+                outcomes[round(float(np.mean([result.score for result in one])), 9)] += 1
+            waiting.clear()
             ratio = test.ratio(outcomes, num_teams)
             if abs(ratio) >= test.limit:
                 verdict: Verdict = "higher" if ratio > 0.0 else "lower"

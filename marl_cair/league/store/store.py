@@ -41,7 +41,7 @@ class StoredGames:
     turns: NDArray[np.int64]  # [N], number of the game within its block
     map_seeds: NDArray[np.uint64]  # [N]
     line_ups: NDArray[np.int64]  # [N], equal for games of one line-up
-    is_repeat: NDArray[np.bool_]  # [N], same moves and same agents as an earlier game
+    is_repeat: NDArray[np.bool_]  # [N], see `_find_repeats`
     is_truncated: NDArray[np.bool_]  # [N], ended by the time limit
     decisions: NDArray[np.int64]  # [N], steps of each seat that was in to the end
     reasons: tuple[str, ...]  # N, of forfeits; "" without one
@@ -311,7 +311,7 @@ def _parse_games(
         turns=keys[order, 2],
         map_seeds=np.array([int(part[3]) for part in parts], np.uint64),
         line_ups=_number([part[0] for part in parts]),
-        is_repeat=_find_repeats(agents, trajectories),
+        is_repeat=_find_repeats(agents, trajectories, [part[7] for part in parts]),
         is_truncated=np.array([part[4] for part in parts], np.bool_),
         decisions=np.array([part[5] for part in parts], np.int64),
         reasons=tuple(clean_text(str(part[7])) for part in parts),
@@ -345,7 +345,18 @@ def _number(keys: Sequence[Any]) -> NDArray[np.int64]:
     return np.array([numbers[key] for key in keys], np.int64)
 
 
-def _find_repeats(agents: NDArray[np.int64], trajectories: Sequence[str]) -> NDArray[np.bool_]:
-    first: dict[tuple[tuple[int, ...], str], int] = {}
-    keys = zip(map(tuple, agents.tolist()), trajectories, strict=True)
-    return np.array([first.setdefault(key, n) != n for n, key in enumerate(keys)], np.bool_)
+def _find_repeats(
+    agents: NDArray[np.int64], trajectories: Sequence[str], reasons: Sequence[str]
+) -> NDArray[np.bool_]:
+    """All games but the first in the same seats, of line-ups whose games are always the same there:
+    neither the agents nor the maps vary. Else equal games count as often as they happen.
+    """
+    seats = [tuple(row) for row in agents.tolist()]
+    first: dict[tuple[int, ...], int] = {}
+    is_repeat = np.array([first.setdefault(row, n) != n for n, row in enumerate(seats)], np.bool_)
+    varied = {
+        tuple(sorted(row))
+        for n, row in enumerate(seats)
+        if reasons[n] or trajectories[n] != trajectories[first[row]]
+    }
+    return is_repeat & np.array([tuple(sorted(row)) not in varied for row in seats], np.bool_)

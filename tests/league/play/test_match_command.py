@@ -31,25 +31,27 @@ def test_a_match_of_many_stands_beside_the_fair_share(capsys):
         "       A won 3, drew 0, lost 0: 100.0% [14.7%, 100.0%] of the points, 33.3% is fair",
         (
             "       The difference is not significant. "
-            "9 of 12 games repeat others, move by move, and do not count."
+            "9 of 12 games repeat the others, move by move: not counted."
         ),
     ]
 
 
-def test_a_map_seed_that_shows_something_new_counts_with_all_its_games():
-    def block(number, *fingerprints):
-        return [
-            GameResult(number, seat, 0, False, 9, f, seat == 0)
-            for seat, f in enumerate(fingerprints)
-        ]
+def test_equal_games_count_where_any_differs_or_is_forfeited():
+    def play(*fingerprints, forfeit=""):
+        results = (
+            GameResult(number, seat, 0, False, 9, f, seat == 0, forfeit)
+            for number, block in enumerate(fingerprints)
+            for seat, f in enumerate(block)
+        )
+        return MatchResult(tuple(results))
 
-    played = [*block(0, "a", "b"), *block(1, "a", "b"), *block(2, "b", "a"), *block(3, "a", "c")]
-    counted = MatchResult(tuple(played)).without_repeats()
-    assert [result.block for result in counted.results] == [0, 0, 2, 2, 3, 3]
-    assert counted.distinct_games == 5
-    text = " 2 of 8 games repeat others, move by move, and do not count."
-    warned = " (only 5 of 6 games differ: the interval is too narrow)"
-    assert match.describe_doubts(8, counted) == text + warned
+    same = play("ab", "ab", "ab").without_repeats()
+    assert [result.block for result in same.results] == [0, 0]
+    assert "4 of 6 games repeat" in match.describe_doubts(6, same)
+    varied = play("ab", "ab", "ac").without_repeats()
+    assert varied.games == 6
+    assert match.describe_doubts(6, varied) == " (only 3 of 6 games differ from one another)"
+    assert play("ab", "ab", forfeit="a crashed").without_repeats().games == 4
 
 
 @pytest.mark.parametrize(
@@ -159,7 +161,7 @@ def test_evaluate_counts_games_that_repeat_others_once(capsys):
     words = ["--against", "idle", "--games", "12", "--scenario", "ffa-3", "--set", "gain=0"]
     text = run(capsys, "evaluate", "finisher", *words)
     assert "idle         3      3      0      0  100.0% [14.7%, 100.0%]" in text
-    assert "9 of 12 games repeat others, move by move, and do not count." in text
+    assert "9 of 12 games repeat the others, move by move: not counted." in text
 
 
 def test_evaluate_and_match_have_the_same_interval():

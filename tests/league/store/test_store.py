@@ -115,12 +115,20 @@ def test_the_order_of_games_does_not_depend_on_when_they_were_stored(tmp_path):
     assert read[0] == read[1]
 
 
-def test_a_game_that_is_the_same_move_by_move_is_a_repeat(store):
+def test_games_that_are_always_the_same_in_the_same_seats_are_repeats(store):
     ids = add(store, games=())
     same = [played(block, n, trajectory="t") for block in (0, 1) for n in (0, 1)]
     store.add_games(ids, same)
-    # In other seats it is another game, even with the same hash.
     assert store.read_games().is_repeat.tolist() == [False, False, True, True]
+    store.add_games(ids, [played(2, 0, trajectory="t"), played(2, 1, trajectory="other")])
+    assert not store.read_games().is_repeat.any()
+
+
+def test_equal_forfeits_are_no_repeats(store):
+    ids = add(store, games=())
+    lost = {"forfeited": (False, True), "reason": "b crashed", "trajectory": "t"}
+    store.add_games(ids, [played(block, n, **lost) for block in (0, 1) for n in (0, 1)])
+    assert not store.read_games().is_repeat.any()
 
 
 def test_forfeits_are_kept_with_their_reason(store):

@@ -120,6 +120,12 @@ def test_a_body_and_a_head_of_a_module_work_with_equal_bits():
     assert first.body.num_features == 4
 
 
+def test_a_body_of_a_module_may_have_a_memory():
+    config = QNetworkConfig(body="mine:Mean", memory="lstm", memory_width=4)
+    network = make_q_network(config, SHAPE, NUM_ACTIONS, seed=0)
+    assert network(torch.rand(6, *SHAPE), torch.zeros(6, network.state_size)) is not None
+
+
 @pytest.mark.parametrize(
     ("body", "head", "message"),
     [

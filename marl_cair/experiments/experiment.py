@@ -203,13 +203,13 @@ def _write(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig, notes: s
 
 
 def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -> None:
-    """A league of all trained agents and bots of each task."""
+    """A league of all trained agents and bots of each task, of games for two or more."""
     for task in plan.tasks:
         own = [cell for cell in cells if cell.task == task and not (cell.agent or cell.trainer)]
-        agents = [config.out / CELLS / cell.name / RUN / cell.rating.agent for cell in own]
-        agents = [agent for agent in agents if agent.is_dir()]
-        if not agents:
+        own = [cell for cell in own if scheduler.is_finished(cell, config.out)]
+        if not own or own[0].config.game.spec.num_teams == 1:
             continue
+        agents = [config.out / CELLS / cell.name / RUN / cell.rating.agent for cell in own]
         game, scenario = own[0].config.game, make_scenario(own[0].config, own[0].rating)
         run_league(
             LeagueConfig(

@@ -33,6 +33,7 @@ def measure(agent: Any, cell: Cell, look: int) -> Row:
     scenario = make_scenario(cell.config, rating)
     seed = FRESH_SEED + 1_000 * cell.seed + look
     row: Row = {}
+    usual = getattr(agent, "epsilon", 0.0)
     for epsilon in rating.epsilons:
         mark = f" ({100 * epsilon:g} % random)" if row else ""
         agent.epsilon = epsilon
@@ -52,7 +53,7 @@ def measure(agent: Any, cell: Cell, look: int) -> Row:
             first = (find_by_name("number of the game (rating.number)", rating.number, values),) * 2
         row = row or {"score": first[0] * rating.times, "mean": first[1] * rating.times}
         row |= {f"{name}{mark}": value for name, value in values.items()}
-    agent.epsilon = rating.epsilons[0]
+    agent.epsilon = usual
     return row
 
 

@@ -107,13 +107,16 @@ class Plan:
     seeds: tuple[int, ...] = (0, 1, 2)  # of training and of the games in looks
     budget: Length = field(default_factory=Length)  # of each cell's training
     looks: Length = field(default_factory=Length)  # between two; null: a single one, at the end
-    games_per_pair: Natural = 0  # of a league of all agents in each task; 0: no league
+    games_per_pair: Natural = 0  # even; of a league of all agents in each task; 0: no league
     source: str = "published"  # of the tasks' published scores, in the table
 
     def __post_init__(self) -> None:
         check_fields(self)
         require(len(self.tasks) > 0, "tasks", {}, "one or more by name")
         require(len(self.seeds) > 0, "seeds", [], "one or more")
+        require(
+            self.games_per_pair % 2 == 0, "games_per_pair", self.games_per_pair, "an even number"
+        )
         require_once("seeds", self.seeds)
         for seed in self.seeds:
             require(0 <= seed < 2**63, "seeds", seed, "0 or more")
@@ -139,9 +142,11 @@ class Plan:
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """The settings that a results folder belongs to: all but the seeds, which may be added."""
+        """The settings that a results folder belongs to: all but the seeds, which may be added, and
+        the league at the end.
+        """
         values = dataclasses.asdict(self)
-        del values["seeds"]
+        del values["seeds"], values["games_per_pair"]
         return values
 
 
@@ -163,11 +168,12 @@ def read_plan(path: str | Path) -> Plan:
 
 def scale_plan(plan: Plan, factor: float) -> Plan:
     """The plan with `factor` of its budget, of the interval between looks, and of the games of a
-    look (20 at the least); schedules follow in `cells.make_cells`.
+    look (24 at the least); schedules follow in `cells.make_cells`.
     """
 
     def rate(task: TaskSettings) -> TaskSettings:
-        games = min(task.rating.games, max(20, 2 * int(task.rating.games * factor / 2)))
+        # A multiple of 2, 3, 4, 6 and 12 teams.
+        games = min(task.rating.games, max(24, 12 * int(task.rating.games * factor / 12)))
         return dataclasses.replace(task, rating=dataclasses.replace(task.rating, games=games))
 
     tasks = {name: rate(task) for name, task in plan.tasks.items()}

@@ -265,7 +265,7 @@ class GeneratorConfig:
     def __post_init__(self) -> None:
         for name, least in (
             ("rare_capacity", 1),
-            ("heldout_capacity", 8),  # an eighth of it is of rare rows
+            ("heldout_capacity", max(8, self.gate.min_heldout_rows)),  # an eighth is of rare rows
             ("max_rounds", 1),
         ):
             value = getattr(self, name)

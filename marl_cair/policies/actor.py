@@ -1,5 +1,6 @@
 """Action selection: masked argmax, epsilon-greedy and sampling, and `PolicyActor`."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -86,7 +87,7 @@ class MaskedEpsilonGreedy:
         """
         if values.ndim > 2:
             chances = _check_epsilon(epsilon, len(values)).expand(len(values))
-            chances = chances.repeat_interleave(values[0, ..., 0].numel())
+            chances = chances.repeat_interleave(math.prod(values.shape[1:-1]))
             flat = self(values.flatten(0, -2), action_mask.flatten(0, -2), chances)
             return flat.view(values.shape[:-1])
         actions = self._exploit(values, action_mask)

@@ -37,7 +37,8 @@ def check_outside(network: QNetwork) -> None:
     network.eval()  # running means, as of batch normalisation, do not change
     try:
         with torch.random.fork_rng(devices=[]):
-            network(torch.zeros(_NUM_ROWS, *network.observation_shape))
+            seen = torch.zeros(_NUM_ROWS, *network.observation_shape)
+            network(seen, torch.zeros(_NUM_ROWS, network.state_size) if network.memory else None)
     except OutsideCodeError:
         raise
     except Exception as error:  # whatever the user's code raises

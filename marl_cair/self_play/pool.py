@@ -343,11 +343,13 @@ class Pool:
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:
-    """The index of the snapshot that retires, of two or more; `frames` [K] are sorted.
+    """The index of the snapshot that retires, of one or more; `frames` [K] are sorted.
 
     Not the oldest or the newest, nor one of `needed` (the support of the Nash mixture) unless no
     other is left. Of the others the one that leaves the smallest gap in training.
     """
     inner = range(1, len(frames) - 1)
-    free = [index for index in inner if index not in needed] or inner or [0]
+    if not inner:
+        return 0
+    free = [index for index in inner if index not in needed] or inner
     return min(free, key=lambda index: (frames[index + 1] - frames[index - 1], index))

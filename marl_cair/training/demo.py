@@ -143,11 +143,10 @@ def _train(settings: DemoSettings, network: str) -> None:
     if result.was_interrupted:
         raise KeyboardInterrupt
     if not result.reached_score:
-        last = result.last_row.get(f"win_rate/{RIVAL}", 0.0)
         raise ValueError(
-            f"the {network} network has {last:.0%} of the points against {RIVAL} after "
-            f"{result.frames:,} environment steps, it must have {settings.score:.0%}: train longer "
-            f"with --frames {2 * settings.frames}, or take another --out and --seed"
+            f"the {network} network has not reached {settings.score:.0%} of the points against "
+            f"{RIVAL} in {result.frames:,} environment steps (see {curves}): train longer with "
+            f"--frames {2 * settings.frames}, or take another --out and --seed"
         )
     points = f"{result.last_row['confirmed_score']:.0%} of the points"
     games = f"{settings.evaluation_games} new games against {RIVAL}"

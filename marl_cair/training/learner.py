@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict
-from torch import Tensor
+from torch import Tensor, nn
 
 from marl_cair.policies.heads import set_noise
 from marl_cair.policies.q_network import QNetwork
@@ -67,6 +67,9 @@ class Learner:
         self._parameters: list[Tensor] = list(network.parameters())
         self._targets: list[Tensor] = list(self.target.parameters())
         self._averaged: list[Tensor] = list(self.average.parameters())
+        own, saved = self.average.state_dict(), network.state_dict(keep_vars=True)
+        # As means of batch normalisation: beside the weights, what a saved network has.
+        self._running = [(own[k], v) for k, v in saved.items() if not isinstance(v, nn.Parameter)]
         make_optimizer = _OPTIMIZERS[settings.optimizer]
         epsilon = {} if settings.optimizer == "sgd" else {"eps": settings.optimizer_epsilon}
         self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate, **epsilon)
@@ -115,6 +118,8 @@ class Learner:
             elif self.updates % settings.target_every_updates == 0:
                 torch._foreach_copy_(self._targets, self._parameters)
         torch._foreach_lerp_(self._averaged, self._parameters, 1.0 - settings.average_decay)
+        for averaged, newest in self._running:
+            averaged.copy_(newest)
 
     def _find_margin_loss(self, batch: TensorDict, values: Tensor) -> Tensor:
         """Mean over the learned steps of max over legal a of (Q(s, a) + margin where a is not the

@@ -123,7 +123,7 @@ class PqnLoss(Loss):
     buffer, no target network; the networks need normalisation (`policy.norm=layer`).
 
     A row's target is its Q(lambda) return (`find_lambda_returns`) in "target" float32 [N];
-    generated rows have one-step targets by the online network.
+    generated rows sum rewards of `learner.n_steps` before the online network's value.
     """
 
     LEARNS_FROM_REPLAY: ClassVar[bool] = False

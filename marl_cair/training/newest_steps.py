@@ -135,7 +135,7 @@ def iterate_batches(
 def _add_targets(
     generated: TensorDict, double: DoubleValues, settings: LearnerSettings
 ) -> TensorDict:
-    """Generated transitions [N] as rows, with one-step targets."""
+    """Generated transitions [N] of n steps as rows, with targets."""
     following, none = generated["next"], torch.zeros(len(generated), 0)
     ahead = double.rate(following["observation"], none, following["action_mask"])
     target = find_targets(generated, ahead, settings.gamma)

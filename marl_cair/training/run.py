@@ -101,7 +101,8 @@ class TrainingRun:
         self._make_learner()
         self._make_collector()
         # The settings are valid from here on.
-        state_file.require_space(self.folder, config, self.replay.real, self.transition_spec)
+        real, rows = self.replay.real, self.transition_spec
+        state_file.require_space(self.folder, config, real, rows, self._resumes)
         self._claim.enter_context(self._claim_folder(resume))
         config_file.save_config(config)
         self.frames = 0

@@ -42,16 +42,22 @@ def load_state(folder: Path) -> dict[str, Any]:
 
 
 def require_space(
-    folder: Path, config: TrainConfig, real: EpisodeReplayBuffer, spec: TransitionSpec
+    folder: Path,
+    config: TrainConfig,
+    real: EpisodeReplayBuffer,
+    spec: TransitionSpec,
+    has_state: bool,
 ) -> None:
-    """Raise NotEnoughSpaceError unless the disk has room for a run's states and its other files."""
-    needed = _SPARE_BYTES
-    if config.checkpoint.include_replay:
-        # A new state is written beside the old one before it takes its place.
-        needed += 2 * real.storage.nbytes_per_step * config.replay.capacity_transitions
+    """Raise NotEnoughSpaceError unless the disk has room for a run's states and its other files;
+    has_state: whether one is there, which the run resumes.
+    """
+    state = 0
+    if config.checkpoint.include_replay and config.fills_replay:
+        state += real.storage.nbytes_per_step * config.replay.capacity_transitions
     if config.nfsp.enabled:
-        needed += 2 * config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
-    require_free_space(folder, needed)
+        state += config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
+    # A new state is written beside the old one before it takes its place.
+    require_free_space(folder, _SPARE_BYTES + (1 if has_state else 2) * state)
 
 
 def to_tensors(value: Any) -> Any:

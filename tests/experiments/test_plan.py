@@ -22,6 +22,7 @@ from tests.experiments.plans import change_task, make_plan
         ({"seeds": []}, "seeds is .* one or more"),
         ({"seeds": [1, 1]}, "seeds has 1 twice"),
         ({"seeds": [-1]}, "seeds is -1, it must be 0 or more"),
+        ({"games_per_pair": 5}, "games_per_pair is 5, it must be an even number"),
         ({"budget": {}}, "budget is None, it must be frames, seconds, or both"),
         ({"budget": {"frames": 0}}, "frames is 0, it must be 1 or more"),
         ({"tasks": change_task(when={"pqm": []})}, "tasks.maze.when is 'pqm', it must be one of"),
@@ -70,8 +71,8 @@ def test_a_plan_is_scaled_with_its_looks_and_games():
     )
     scaled = scale_plan(plan, 0.25)
     assert (scaled.budget, scaled.looks) == (Length(250, 15.0), Length(32))
-    assert scaled.tasks["maze"].rating.games == 50
-    assert scale_plan(plan, 0.01).tasks["maze"].rating.games == 20
+    assert scaled.tasks["maze"].rating.games == 48  # for 2, 3, 4 or 6 teams
+    assert scale_plan(plan, 0.01).tasks["maze"].rating.games == 24
     few = make_plan()
     assert scale_plan(few, 0.01).tasks["maze"].rating.games == 4
 

@@ -342,7 +342,7 @@ def test_wrong_rows_are_refused(real_rows, method, key, value, message):
     ("changes", "message"),
     [
         ({"size": replace(SMALL.size, hidden=16)}, "generator.network"),
-        ({"heldout_capacity": 100}, r"num_rows is 7.., it must be .* in 0\.\.100"),
+        ({"heldout_capacity": 200}, r"num_rows is 7.., it must be .* in 0\.\.200"),
     ],
 )
 def test_a_state_of_another_size_is_refused(trained, changes, message):

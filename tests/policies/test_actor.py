@@ -251,3 +251,8 @@ class TestSampling:
         again = MaskedSampling(9)
         again.load_state_dict(sampling.state_dict())
         assert torch.equal(sampling(values, mask, 0.5), again(values, mask, 0.5))
+
+
+def test_no_rows_with_an_action_at_each_cell_give_no_actions():
+    values, mask = torch.zeros(0, 2, 3, 4), torch.ones(0, 2, 3, 4, dtype=torch.bool)
+    assert MaskedEpsilonGreedy(0)(values, mask, 0.5).shape == (0, 2, 3)

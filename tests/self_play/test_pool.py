@@ -219,7 +219,7 @@ def test_snapshots_of_the_nash_mixture_stay(tmp_path):
     assert choose_retired([100, 200, 201, 202, 900]) == 2
     assert choose_retired([100, 200, 201, 202, 900], [1, 2]) == 3
     assert choose_retired([100, 200, 300], [0, 1, 2]) == 1
-    assert choose_retired([100, 200]) == 0
+    assert choose_retired([100, 200]) == choose_retired([100]) == 0
 
 
 def test_payoffs_are_the_results_of_the_learner(tmp_path):

@@ -152,6 +152,9 @@ def test_what_needs_play_is_refused(folder, tmp_path):
     learner = dataclasses.replace(config.learner, algorithm="pqn")
     with pytest.raises(ValueError, match="algorithm is 'pqn', it must be dqn with offline.dataset"):
         dataclasses.replace(config, learner=learner)
+    nfsp = dataclasses.replace(config.nfsp, enabled=True)
+    with pytest.raises(ValueError, match=r"offline.dataset is .*, it must be null with nfsp"):
+        dataclasses.replace(config, nfsp=nfsp)
     replay = dataclasses.replace(config.replay, capacity_transitions=301)
     with pytest.raises(ValueError, match="capacity_transitions is 301: set it to"):
         TrainingRun(dataclasses.replace(config, replay=replay))

@@ -11,7 +11,8 @@ from marl_cair.memory import NotEnoughMemoryError
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.memory import count_update_bytes, require_memory_of_learning
-from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.config import GeneratorSettings, TrainConfig
+from marl_cair.training.settings.learner import LearnerSettings
 
 THESIS = QNetworkConfig(body="thesis_capsule", head="length")
 BOARD = (5, 10, 15)
@@ -60,6 +61,25 @@ def test_activations_and_their_gradients_are_counted():
     # The features of both layers live until the gradients; each has a gradient, and a layer's sum
     # lives until its ReLU is done.
     assert 2 * 8 <= numbers <= 2 * (4 * 8 + 2)
+
+
+def test_buffers_that_a_run_does_not_use_need_no_memory(monkeypatch):
+    game = GAMES["deep_line_wars"]
+    spec = game.make_spec(game.scenario("10x15"))
+    seen = spec.representations["planes"]
+    rows = TransitionSpec(seen.shape, spec.num_actions, seen.num_uniform, torch.uint8)
+    asked = {}
+    monkeypatch.setattr(
+        "marl_cair.training.memory.require_memory",
+        lambda name, size: asked.update({name.split(" = ")[0]: size}),
+    )
+    learner = LearnerSettings(algorithm="pqn")
+    config = TrainConfig(learner=learner, generator=GeneratorSettings(name="none"))
+    require_memory_of_learning(config, QNetworkConfig(), seen, rows)
+    buffers = ("nfsp.capacity_rows", "replay.capacity_transitions")
+    assert [asked[name] for name in buffers] == [0, 0]
+    require_memory_of_learning(TrainConfig(), QNetworkConfig(), seen, rows)
+    assert [asked[name] > 0 for name in buffers] == [False, True]
 
 
 def test_a_batch_of_votes_that_does_not_fit_is_refused(monkeypatch):

@@ -15,6 +15,7 @@ from marl_cair.training.learner import Learner
 from marl_cair.training.losses import DqnLoss, mask_values
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import (
+    CollectorSettings,
     DemonstrationSettings,
     GeneratorSettings,
     ReplaySettings,
@@ -220,6 +221,12 @@ def test_demonstrations_count_where_steps_are_learned(tmp_path):
 def test_what_does_not_fit_a_memory_is_refused(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
         recurrent(tmp_path, **changes)
+
+
+def test_a_buffer_that_holds_no_whole_row_is_refused():
+    replay, many = ReplaySettings(5_000, min_transitions=100), CollectorSettings(num_worlds=2_560)
+    with pytest.raises(ValueError, match="transitions is 5000, it must be 46080 or more, for rows"):
+        TrainConfig(replay=replay, collector=many)
 
 
 def test_a_loss_of_single_transitions_is_refused_with_a_memory(monkeypatch):

@@ -13,7 +13,7 @@ from marl_cair.cli import main
 from marl_cair.files import OutputFolderError
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.match import play_match
-from marl_cair.policies.q_network import QNetworkConfig
+from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.evaluation import rate_on
 from marl_cair.training.learner import Learner
@@ -120,6 +120,16 @@ def test_gradients_reach_every_parameter_of_both_networks(tmp_path):
             assert parameter.grad is not None, name
             assert parameter.grad.abs().sum() > 0, name
         run.close()
+
+
+def test_averaged_weights_have_the_newest_running_means():
+    network = make_q_network(QNetworkConfig(hidden_width=8), (2, 8, 8), 3, seed=0)
+    network.body.norm = torch.nn.BatchNorm2d(2)
+    learner = Learner(network, LearnerSettings())
+    network.body.norm.running_mean.fill_(2.0)
+    learner._follow()
+    for following in (learner.average, learner.behaviour):
+        assert following.body.norm.running_mean.tolist() == [2.0, 2.0]
 
 
 def test_averaged_weights_are_the_moving_average_of_the_weights():

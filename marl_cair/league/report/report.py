@@ -141,7 +141,8 @@ def _store_ratings(
         for r in ladder.ratings
     ]
     digest, num_games = games.digest(list(names.values())), int((~games.is_repeat).sum())
-    store.add_ratings(describe_method(seed), digest, num_games, rows)
+    method = describe_method(seed) | {"zero": ladder.zero}
+    store.add_ratings(method, digest, num_games, rows)
 
 
 def report_stored(

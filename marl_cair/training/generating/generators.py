@@ -39,8 +39,7 @@ def make_generator(
             generator at `source` has other transitions or another size, or none is wanted here.
         CheckpointError: there is none at `source`, or it cannot be read.
     """
-    settings = config.generator
-    if settings.name == NO_GENERATOR or config.synthetic_fraction == 0:
+    if not config.has_generator:
         if source is not None:
             raise ValueError(
                 f"initial_generator is {source}, but this run has no generator: leave it out, or "
@@ -63,8 +62,7 @@ def move_generator(generator: Generator | None, device: torch.device) -> None:
 
 def count_others(config: TrainConfig, spec: GameSpec) -> int:
     """Number of other seats whose actions are recorded for the generator."""
-    wanted = config.generator.name != NO_GENERATOR and config.synthetic_fraction > 0
-    return spec.num_players - 1 if wanted else 0
+    return spec.num_players - 1 if config.has_generator else 0
 
 
 def check_generator(config: TrainConfig) -> None:

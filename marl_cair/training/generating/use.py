@@ -2,7 +2,7 @@
 
 A failure is an exception of the generator, or a number of it that is not finite or far too large.
 The generator is then switched off: all its rows are dropped, batches are all real, and a new one
-takes its place, with the weights of the beginning, which is trained from the next evaluation on.
+takes its place, with new weights, which is trained from the next evaluation on.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def _switch_off(run: TrainingRun, what: str, error: Exception) -> None:
     run.replay.generated.clear()
     write_atomically(run.folder / FAILURE_FILE, "".join(traceback.format_exception(error)))
     run.make_generator()  # the next one: a state with weights that are not finite cannot be loaded
-    then = "it is tried again, from its first weights, at the next evaluation"
+    then = "a new one is tried at the next evaluation"
     if run.generator_failures > MOST_RETRIES:
         then = f"it stays off after {run.generator_failures} failures"
     run.log.note(

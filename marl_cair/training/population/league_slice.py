@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,9 @@ class MemberRecord:
     place: int  # in the order of turns
     generation: int = 0  # number of resets
     frames_before: int = 0  # steps of all earlier generations
+
+
+_LEAST_MINUTES = 0.01  # of a generation, where no time is left
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,9 @@ def run_slice(
         As `TrainingRun`.
     """
     last_row: dict[str, float] = {}
+    begun = time.monotonic()
     while True:
+        spent = (time.monotonic() - begun) / 60.0
         record = read_member(member)
         goal = budget.frames - record.frames_before
         if goal <= 0:
@@ -95,7 +101,7 @@ def run_slice(
             out=str(member / f"{record.generation:03d}"),
             seed=derive_seed(record.league_seed, record.place, record.generation),
             total_frames=budget.total_frames - record.frames_before,
-            max_minutes=budget.max_minutes,
+            max_minutes=budget.max_minutes and max(budget.max_minutes - spent, _LEAST_MINUTES),
         )
         about = record.name, record.role, record.generation, tuple(record.mains)
         seat = LeagueSeat(shared, *about, record.reset_chance, record.frames_before)

@@ -320,6 +320,16 @@ class TrainConfig:
         allowed += f"synthetic_fraction above {MAX_FRACTION} no step of a row may be real"
         require(whole, "generator.rollout_steps", settings.rollout_steps, allowed)
 
+    @property
+    def has_generator(self) -> bool:
+        """Whether generated transitions are wanted."""
+        return self.generator.name != NO_GENERATOR and self.synthetic_fraction > 0
+
+    @property
+    def fills_replay(self) -> bool:
+        """Whether transitions are stored: for the learner, or for the generator."""
+        return self.learner.learns_from_replay or self.has_generator
+
     def evaluated_scenarios(self) -> dict[str, Any]:
         """Scenarios on which the learner is rated, by option, as `EvaluationSettings.changes`."""
         game, make = self.game, GAMES[self.game.name].scenario
@@ -339,10 +349,24 @@ class TrainConfig:
             allowed = f"dqn with {name}, which learns from the replay buffer"
             is_fit = self.learner.learns_from_replay
             require(is_fit, "learner.algorithm", self.learner.algorithm, allowed)
+        if self.offline.dataset is not None:
+            plays = self.nfsp.enabled or self.demonstration.is_given
+            allowed = "null with nfsp.enabled or demonstration: their games are not played offline"
+            require(not plays, "offline.dataset", self.offline.dataset, allowed)
+        elif self.learner.learns_from_replay:
+            self._check_replay()
         if self.policy.memory != NO_MEMORY:
             self._check_memory()
         if self.game.spec.action_shape:
             self._check_action_shape()
+
+    def _check_replay(self) -> None:
+        """Raise ValueError for a buffer too small for whole rows: nothing would be learned."""
+        streams = self.collector.num_worlds * self.game.spec.num_players
+        least = streams * (self.learner.n_steps + 1)
+        allowed = f"{least} or more, for rows of learner.n_steps of {streams} seats"
+        capacity = self.replay.capacity_transitions
+        require(capacity >= least, "replay.capacity_transitions", capacity, allowed)
 
     def _check_action_shape(self) -> None:
         """Raise ValueError for parts that cannot learn from an action at each cell."""

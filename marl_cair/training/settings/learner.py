@@ -57,7 +57,7 @@ class LearnerSettings:
     learning_rate: Positive = 5e-4  # of the optimizer
     learning_rate_end: NonNegative | None = None  # at total_frames, falling linearly; None: same
     gamma: Share = 0.99  # discount per step
-    n_steps: Steps = 8  # steps whose rewards are summed before the target network's value (dqn)
+    n_steps: Steps = 8  # whose rewards come before the target's value (dqn; generated rows)
     double: bool = True  # the online network chooses the action that the target network values
     loss: str = HUBER  # of the TD error: smooth_l1 or l2
     target: str = "soft"  # how the target network follows: soft (each update), hard (copies)

@@ -8,14 +8,14 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_500,
+    "games": 21_510,
     "policies": 2_410,
     "replay": 2_290,
     "generative": 2_960,
-    "self_play": 1_010,
-    "league": 8_060,
-    "training": 7_380,
-    "experiments": 1_620,
+    "self_play": 1_035,
+    "league": 8_070,
+    "training": 7_430,
+    "experiments": 1_630,
     "viewer": 720,
     "window": 2_440,
     "browser": 950,

@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from marl_cair.ranges import COUNT, WEIGHT, Range, check_number, read_number
+from marl_cair.ranges import COUNT, SCORE, WEIGHT, Range, check_number, read_number
 
 OPPONENT = Range(-(2**15), 2**15 - 1)  # numbers of opponents: int16 in replay
 _LOG_WEALTH = Range(-1e9, 1e9, float)
 EVEN = 0.5  # score between equal agents: a win counts 1, a draw 1/2
 MOST_STAKED = 0.75  # of a bettor's wealth, on one game
+_PRIOR_GAMES = 2.0  # even ones, before the first that a bettor has seen
 
 
 class Evidence(NamedTuple):
@@ -27,13 +28,15 @@ class Evidence(NamedTuple):
 
 
 class BettingTest:
-    """Anytime-valid test whether scores against opponents are above a bar: it may be checked after
-    every game, and its probability of ever being wrong about an opponent is at most `error`.
+    """Anytime-valid test whether scores against opponents are above a bar: it may be checked at any
+    time, and its probability of ever being wrong about an opponent is at most `error`.
 
     A bettor stakes a part of its wealth on each game's score being above the bar. If the expected
     score is not, wealth is a supermartingale, which ever reaches 1 / error with a probability of at
     most `error` (Ville 1939; Waudby-Smith and Ramdas 2024, "Estimating means of bounded random
     variables by betting"). The stake is Kelly's for the score that was expected before the game.
+    Games count in the order of their numbers, not of their ends: short ones, which end first, may
+    be those that the learner wins.
 
     Args:
         bar, error: above 0 and below 1, else raises ValueError.
@@ -45,31 +48,48 @@ class BettingTest:
                 raise ValueError(f"{name} is {value!r}, it must be above 0 and below 1")
         self._bar, self._limit = bar, -math.log(error)
         self._log_wealth: dict[int, float] = {}
+        self._met: dict[int, Evidence] = {}
+        self._waiting: list[tuple[int, int, float]] = []  # number of the game, opponent, score
 
-    def book(self, number: int, score: float, expected: float) -> None:
-        """Add a game against `number` with this score in 0..1; expected: its estimate before it."""
-        bar = self._bar
-        stake = min(max(0.0, (expected - bar) / (bar * (1.0 - bar))), MOST_STAKED / bar)
-        gain = math.log1p(stake * (score - bar))
-        self._log_wealth[number] = self._log_wealth.get(number, 0.0) + gain
+    def book(self, game: int, opponent: int, score: float) -> None:
+        """Add the score in 0..1 of a game that has ended."""
+        self._waiting.append((game, opponent, score))
 
-    def is_above(self, number: int) -> bool:
-        """Whether the score against `number` is significantly above the bar."""
-        return self._log_wealth.get(number, 0.0) >= self._limit
+    def settle(self, running: int) -> None:
+        """Bet on the games before `running`, the lowest number of a game that is still played."""
+        ready = sorted(one for one in self._waiting if one[0] < running)
+        self._waiting = [one for one in self._waiting if one[0] >= running]
+        for _, opponent, score in ready:
+            bar, met = self._bar, self._met.get(opponent, Evidence())
+            edge = (met.estimate(_PRIOR_GAMES) - bar) / (bar * (1.0 - bar))
+            stake = min(max(0.0, edge), MOST_STAKED / bar)
+            gain = math.log1p(stake * (score - bar))
+            self._log_wealth[opponent] = self._log_wealth.get(opponent, 0.0) + gain
+            self._met[opponent] = Evidence(met.points + score, met.games + 1.0)
+
+    def is_above(self, opponent: int) -> bool:
+        """Whether the score against `opponent` is significantly above the bar."""
+        return self._log_wealth.get(opponent, 0.0) >= self._limit
 
     def clear(self) -> None:
-        """Forget all results."""
-        self._log_wealth = {}
+        """Forget all bets; games that wait for earlier ones still count."""
+        self._log_wealth, self._met = {}, {}
 
     def state_dict(self) -> dict[str, Any]:
         """As plain data."""
-        return {"log_wealth": dict(self._log_wealth)}
+        held = {"log_wealth": dict(self._log_wealth), "waiting": list(self._waiting)}
+        return {**held, "met": {number: tuple(one) for number, one in self._met.items()}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore `state_dict`. Raises ValueError for impossible numbers."""
         held = {_read_opponent(number): wealth for number, wealth in state["log_wealth"].items()}
         for number in held:
             read_number(held, number, _LOG_WEALTH)
+        self._met = {_read_opponent(n): one for n, one in read_evidence(state["met"]).items()}
+        self._waiting = [
+            (check_number(game, "game", COUNT), _read_opponent(n), check_number(s, "score", SCORE))
+            for game, n, s in state["waiting"]
+        ]
         self._log_wealth = held
 
 

@@ -64,11 +64,11 @@ def play_at(score, num_learners, num_games):
     rng = np.random.default_rng(0)
     found = np.zeros((2, num_learners), bool)
     for learner in range(num_learners):
-        test, records = BettingTest(0.6, 0.025), WinRecords(half_life_frames=10**9)
+        test = BettingTest(0.6, 0.025)
         won = rng.random(num_games) < score
         for game, points in enumerate(won.cumsum().tolist(), start=1):
-            test.book(1, float(won[game - 1]), records.estimate(1, 0))
-            records.book(1, float(won[game - 1]), 0)
+            test.book(game, 1, float(won[game - 1]))
+            test.settle(game + 1)
             found[0, learner] |= test.is_above(1)
             if game % 10 == 0:
                 found[1, learner] |= share_interval(points, game)[0] > 0.6
@@ -85,8 +85,9 @@ def test_checking_after_each_game_is_wrong_for_one_in_40_at_most():
 
 def test_a_betting_test_resumes_and_is_cleared():
     test, resumed = BettingTest(0.6, 0.025), BettingTest(0.6, 0.025)
-    for _ in range(30):
-        test.book(1, 1.0, 0.95)
+    for game in range(30):
+        test.book(game, 1, 1.0)
+    test.settle(30)
     assert test.is_above(1)
     assert not test.is_above(2)
     resumed.load_state_dict(test.state_dict())
@@ -94,6 +95,26 @@ def test_a_betting_test_resumes_and_is_cleared():
     test.clear()
     assert not test.is_above(1)
     assert resumed.is_above(1)
+
+
+@pytest.mark.slow
+def test_short_games_that_are_won_deceive_nobody():
+    """Wins take 60 steps and losses 250, half of the games are won: most early results are wins."""
+    found = np.zeros(40, bool)
+    for learner in range(40):
+        rng, test = np.random.default_rng(learner), BettingTest(0.6, 0.025)
+        worlds = np.arange(64)
+        number, won = np.zeros(64, int), rng.random(64) < 0.5
+        ends = np.where(won, 60, 250)
+        for step in range(1_500):
+            for world in np.flatnonzero(ends == step):
+                test.book(int(number[world] * 64 + world), 1, float(won[world]))
+                number[world] += 1
+                won[world] = rng.random() < 0.5
+                ends[world] += 60 if won[world] else 250
+            test.settle(int((number * 64 + worlds).min()))
+            found[learner] |= test.is_above(1)
+    assert found.mean() <= 0.05
 
 
 @pytest.mark.parametrize(("bar", "error"), [(0.0, 0.1), (1.0, 0.1), (0.5, 0.0), (0.5, 1.0)])

@@ -148,7 +148,8 @@ def test_teams_of_the_learner_are_no_rivals_and_games_with_demonstrations_do_not
     )
     ended = np.array([True, True, False])
     last = LastStep(np.zeros((3, 3), np.float32), ended, np.array([2, 2, 2], np.int8))
-    assert find_meetings(taken, last, np.arange(3)) == [Meeting(9, 0.0, 0.0)]
+    found = find_meetings(taken, last, np.arange(3), np.arange(3))
+    assert found == [Meeting(9, 0.0, 0.0, game=0)]
 
 
 # --- the pool --------------------------------------------------------------------------------

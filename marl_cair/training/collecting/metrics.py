@@ -45,9 +45,10 @@ class Decisions(NamedTuple):
 
 
 def find_meetings(
-    taken: Decisions, last: LastStep, team_of_seat: NDArray[np.int64]
+    taken: Decisions, last: LastStep, team_of_seat: NDArray[np.int64], games: NDArray[np.int64]
 ) -> list[Meeting]:
-    """The learner's result against each rival team of the games that have just ended.
+    """The learner's result against each rival team of the games that have just ended; `games` [B]
+    are their numbers.
 
     Teams that the learner plays too are no rivals, and games in which a demonstrator played for it
     do not count.
@@ -61,7 +62,8 @@ def find_meetings(
         for team, seat in enumerate(first_seats):
             opponent = int(taken.opponent[world, seat])
             if not taken.owned[world, seat]:
-                meetings.append(Meeting(opponent, (1.0 + own - of_teams[team]) / 2.0, own))
+                score = (1.0 + own - of_teams[team]) / 2.0
+                meetings.append(Meeting(opponent, score, own, int(games[world])))
     return meetings
 
 

@@ -40,6 +40,7 @@ class Meeting(NamedTuple):
     opponent: int
     score: float  # 1 if the learner's team is ahead of that one, 0 behind, 1/2 level
     points: float  # of the learner's team in the whole game
+    game: int = 0  # numbers rise from game to game of a world, and differ between worlds
 
 
 class OpponentBook:
@@ -143,13 +144,16 @@ class OpponentBook:
             self._numbers += samplers.draw_evenly(self._rng, numbers, weights, slots)
             self._probabilities += [share / slots] * slots
 
-    def note(self, meetings: Iterable[Meeting], frames: int) -> None:
-        """Record the results of games that ended at `frames`."""
-        for opponent, score, _ in meetings:
-            self._bets.book(opponent, score, self.records.estimate(opponent, frames))
+    def note(self, meetings: Iterable[Meeting], frames: int, running: int = MOST) -> None:
+        """Record the results of games that ended at `frames`; `running` is the lowest number of a
+        game that is still played.
+        """
+        for opponent, score, _, game in meetings:
+            self._bets.book(game, opponent, score)
             self.records.book(opponent, score, frames)
             self._since_snapshot.book(opponent, score, frames)
             self.live_rating.note(opponent, score)
+        self._bets.settle(running)
 
     def beats_the_best(self, frames: int) -> bool:
         """Whether the learner's win rate against the pool's best snapshot is above 1/2 by the

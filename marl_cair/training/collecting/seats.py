@@ -116,9 +116,13 @@ class SeatRouter(TensorDictModuleBase):
         """
         group, taken = tensordict.get(GROUP), self.taken
         if self.frames:
-            meetings = find_meetings(taken, self._env.last, self._teams)
+            # Rounds of one game of each world: these numbers do not depend on lengths.
+            worlds = np.arange(len(self._episode))
+            games = self._episode * len(worlds) + worlds
+            meetings = find_meetings(taken, self._env.last, self._teams, games)
             self._statistics.note_step(taken, self._env.last, meetings)
-            self._book.note(meetings, self.frames)
+            running = self._env.seeds.episodes * len(worlds) + worlds
+            self._book.note(meetings, self.frames, int(running.min()))
         starting = self._start_new_games()
         taken.owned[:] = taken.opponent == LATEST_ID
         taken.out[:] = group.get("done").squeeze(-1).numpy()

@@ -67,11 +67,11 @@ class Reader(NamedTuple):
     is_small: bool
 
     def fill(self, only: NDArray[np.int64] | None, before: Tensor | None) -> Tensor:
-        """Read all worlds, or `only` some; the others are as `before`, or zeros."""
+        """Read all worlds, or `only` some; the others are as `before`."""
         out = self.take()
-        if only is None or self.is_small:
+        if only is None or before is None or self.is_small:
             return torch.from_numpy(self.read(out))
-        np.copyto(out, 0 if before is None else before.numpy())
+        np.copyto(out, before.numpy())
         if len(only):
             out[only] = self.read(worlds=only)
         return torch.from_numpy(out)
@@ -198,6 +198,11 @@ class BatchedGameEnv(EnvBase):
         )
         self.done_spec = in_group(of_seats, **of_worlds)
 
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Free the worlds, for example their browsers."""
+        self.engine.close()
+        super().close(raise_if_closed=raise_if_closed)
+
     def _make_observation_spec(self, name: str) -> Any:
         chosen = self.engine.representation(name)
         shape = (self.engine.num_worlds, self.engine.num_players, *chosen.shape)
@@ -220,8 +225,8 @@ class BatchedGameEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         mask = self._read_reset_mask(tensordict)
         self.engine.check_reset(mask)
-        # TorchRL reads only the worlds that were reset.
-        return self._pack(self._observe(self._restart(mask)))
+        self._restart(mask)
+        return self._pack(self._observe())  # of all worlds: transforms may read them
 
     def _restart(self, mask: NDArray[np.bool_] | None) -> NDArray[np.int64] | None:
         """Begin the next game of the worlds in `mask`; returns them, and None for all or most."""
@@ -296,14 +301,11 @@ class BatchedGameEnv(EnvBase):
     ) -> dict[str, Any]:
         """The entries of all seats' observations.
 
-        With `only`, large arrays are read of those worlds; the others are as in the group `before`,
-        or zeros.
+        With `only`, large arrays are read of those worlds; the others are as in the group `before`.
         """
         engine, old = self.engine, before or {}
         group: dict[str, Any] = {
-            # `LegalActions` looks at the masks of all worlds.
-            key: reader.fill(only if old or key != "action_mask" else None, old.get(key))
-            for key, reader in self._readers.items()
+            key: reader.fill(only, old.get(key)) for key, reader in self._readers.items()
         }
         self._shown["mask"] = group["action_mask"]
         if numbers := engine.info(np.float32):

@@ -121,7 +121,7 @@ class World(NamedTuple):
     illegal: NDArray[np.int32]  # [B, P] illegal actions since reset
     roster: NDArray[np.int16]  # [B, P, C] slots
     vision: NDArray[np.uint8]  # [B, P, N] own units that see the cell (under fog only)
-    known: NDArray[np.uint8]  # [B, P, N] tile kind seen last, or UNKNOWN (under fog only)
+    known: NDArray[np.uint8]  # [B, P, N] seen last, or UNKNOWN; in a team's first seat; fog only
     units: NDArray[np.int32]  # [B, U, NUM_UNIT_COLUMNS]
     due: NDArray[np.int32]  # [B, U] tick at which a unit's state ends, or NEVER
     path: NDArray[np.uint64]  # [B, U] directions ahead, 3 bits each, the next one lowest

@@ -57,7 +57,11 @@ class Game:
         self._fps, self._scenes = fps, scenes
         self._is_gray, self._is_normalized = grayscale, normalized
         self._server = FlashServer(*self.stage[1:], mode="realtime")
-        self._client = self._server.connect()
+        try:
+            self._client = self._server.connect()
+        except BaseException:
+            self._server.close()
+            raise
         self._error: Exception | None = None
         self._is_over = threading.Event()
         self._thread: threading.Thread | None = None

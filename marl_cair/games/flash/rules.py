@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import logging
+import os
 from collections.abc import Iterable
 from itertools import combinations
 from typing import Any, Literal, NamedTuple
@@ -82,6 +83,8 @@ def close_spare_browsers() -> None:
 
 
 atexit.register(close_spare_browsers)
+if hasattr(os, "register_at_fork"):  # they stay with the process that has started them
+    os.register_at_fork(after_in_child=_spare.clear)
 
 
 class Browsers:
@@ -99,6 +102,10 @@ class Browsers:
             self.picture = None
         self._kind = self.described, self.transport
         self._servers: dict[int, FlashServer] = {}
+
+    def has(self, slot: int) -> bool:
+        """Whether a world has a browser."""
+        return slot in self._servers
 
     def server(self, slot: int) -> FlashServer:
         if slot not in self._servers:
@@ -124,6 +131,11 @@ class Browsers:
         """Close a browser that has failed: the next game starts another one."""
         if slot in self._servers:
             self._servers.pop(slot).close()
+
+    def close_spare(self) -> None:
+        """Close the browsers that wait for an engine of the same SWF."""
+        for server in _spare.pop(self._kind, []):
+            server.close()
 
     def close(self) -> None:
         """Keep up to MOST_SPARE browsers for the next engine of the same SWF, but none within a
@@ -161,11 +173,14 @@ def _start(browsers: Browsers, slot: int, seed: int) -> NDArray[np.uint8] | None
             return _begin(browsers, browsers.server(slot), seed)
         except FlashError as error:
             browsers.drop(slot)
+            browsers.close_spare()  # they may have ended too
             logger.warning("flash: %s; another browser is started", error)
     return _begin(browsers, browsers.server(slot), seed)
 
 
 def _begin(browsers: Browsers, server: FlashServer, seed: int) -> NDArray[np.uint8] | None:
+    if not server.is_idle:
+        raise FlashError("a browser's last step was interrupted")
     server.reset(seed)
     for item in browsers.described.start:
         if isinstance(item, int):
@@ -233,8 +248,8 @@ def _advance(worlds: s.World, browsers: Browsers, row: int, outcome: Any) -> Non
     """Write the results of a step that was begun."""
     before = worlds.score[row].copy()
     picture = browsers.server(int(worlds.slot[row])).end_step()
-    is_done, winner = _read(worlds, browsers, row, picture)
     worlds.tick[row] += browsers.scenario.ticks_per_step
+    is_done, winner = _read(worlds, browsers, row, picture)
     if is_done:
         worlds.phase[row] = s.TERMINATED
     elif worlds.tick[row] >= browsers.scenario.max_ticks:
@@ -259,7 +274,7 @@ def _read(
     elif described.score:
         worlds.score[row] = find_value(reported, described.score)
     else:
-        worlds.score[row] += browsers.scenario.ticks_per_step
+        worlds.score[row] = worlds.tick[row]
     numbers = described.numbers
     worlds.numbers[row] = [_read_number(reported, one, is_second=False) for one in numbers]
     if half := len(described.keys) // 2:
@@ -365,8 +380,14 @@ def _show(browsers: Browsers, pictures: NDArray[np.uint8], out: Any) -> None:
 def draw(
     worlds: s.World, browsers: Browsers, world: int, player: int | None = None
 ) -> NDArray[np.uint8]:
-    """What a browser shows now, uint8 [H, W, 3]."""
-    server = browsers.server(int(worlds.slot[world]))
-    picture = _shown(server.step(0, picture=browsers.described.size))
+    """What a browser shows now, uint8 [H, W, 3]; of one that has failed the last small picture,
+    enlarged.
+    """
+    slot, size = int(worlds.slot[world]), browsers.described.size
+    if browsers.has(slot):
+        picture = _shown(browsers.server(slot).step(0, picture=size))
+    else:
+        last = Image.fromarray(worlds.picture[world].transpose(1, 2, 0))
+        picture = np.asarray(last.resize(size), np.uint8)
     is_second = player is not None and 2 * player >= worlds.score.shape[1]
     return picture[:, ::-1] if is_second and browsers.described.is_mirrored else picture

@@ -89,6 +89,8 @@ def classic_cell(world: Any, rules: Any, player: int, direction: int) -> int:
 def may_step(world: Any, rules: Any, player: int, cell: int) -> bool:
     """True where a move to a cell next to the cursor's unit leads to free ground or to work."""
     occupant = int(world.board[s.OCCUPANT, cell])
+    if orders.place_of_tile(rules, int(world.board[s.TILE, cell])) == orders.BARRIER:
+        return False  # seen from beside it, but for what lies off the board
     if occupant != s.NO_UNIT and rules.team[board.owner_of(rules, occupant)] == rules.team[player]:
         return False
     unit = int(world.players[player, s.CURSOR])

@@ -206,10 +206,7 @@ def known_tile(world: Any, rules: Any, player: int, cell: int) -> int:
 @compiled
 def remembered_tile(world: Any, rules: Any, player: int, cell: int) -> int:
     """The tile that the player's team saw last at a cell out of its sight, or UNKNOWN."""
-    for other in range(rules.num_players):
-        if rules.team[other] == rules.team[player] and world.known[other, cell] != s.UNKNOWN:
-            return int(world.known[other, cell])
-    return s.UNKNOWN
+    return int(world.known[rules.team[player], cell])
 
 
 # --- placing -----------------------------------------------------------------------------------
@@ -234,7 +231,7 @@ def count_unit(world: Any, rules: Any, unit: int, change: int) -> None:
         for seen in range(first + left, first + right + 1):
             world.vision[player, seen] = int(world.vision[player, seen]) + change
             if change > 0:
-                world.known[player, seen] = world.board[s.TILE, seen]
+                world.known[rules.team[player], seen] = world.board[s.TILE, seen]
 
 
 @compiled

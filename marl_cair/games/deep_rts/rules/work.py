@@ -75,7 +75,7 @@ def clear_tile(world: Any, rules: Any, cell: int) -> None:
     if rules.fog != 0:
         for player in range(rules.num_players):
             if world.vision[player, cell] > 0:
-                world.known[player, cell] = t.GRASS
+                world.known[rules.team[player], cell] = t.GRASS
 
 
 @compiled

@@ -321,8 +321,17 @@ def copy_folder(source: str | os.PathLike[str], target: str | os.PathLike[str]) 
         if entry.is_symlink():
             raise ValueError(f"{entry} is a symbolic link: replace it by the file it points to")
     with replaced_folder(target) as fresh:
-        shutil.copytree(found, fresh, dirs_exist_ok=True)
+        copy_content(found, fresh)
         refuse_damage(fresh, str(source))
+
+
+def copy_content(source: Path, target: Path) -> None:
+    """Copy all files of a folder, but not who may read and write them."""
+    for file in source.rglob("*"):
+        if file.is_file():
+            place = target / file.relative_to(source)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place)
 
 
 def recover_folder(path: str | os.PathLike[str]) -> None:

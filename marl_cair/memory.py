@@ -1,4 +1,4 @@
-"""Total memory, and an error before more than that is allocated."""
+"""What this machine has: cores, and memory, with an error before more of it is allocated."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ _LIMIT_FILE = Path("/sys/fs/cgroup/memory.max")  # of a container
 
 class NotEnoughMemoryError(ValueError):
     """More memory is asked for than the machine has."""
+
+
+def count_cores() -> int:
+    """Cores that this process may use: a job of a cluster often has only some."""
+    if hasattr(os, "sched_getaffinity"):  # Linux
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def total_memory() -> int:

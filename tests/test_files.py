@@ -14,6 +14,7 @@ from marl_cair.files import (
     OutputFolderError,
     atomic_path,
     claim_output_folder,
+    copy_folder,
     find_folder,
     recover_folder,
     replaced_folder,
@@ -340,3 +341,19 @@ def test_folder_whose_replacement_was_killed_between_the_renames_comes_back(tmp_
     assert find_folder(tmp_path / "kept") == tmp_path / "kept"
     assert (tmp_path / "kept" / "a").read_text() == "old"
     assert names_in(tmp_path) == ["kept"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has other rights")
+def test_a_write_protected_folder_is_copied_as_new_files(tmp_path):
+    source = tmp_path / "source" / "inner"
+    source.mkdir(parents=True)
+    (source / "a").write_text("a")
+    for path in (source / "a", source, source.parent):
+        path.chmod(path.stat().st_mode & ~0o222)
+    try:
+        copy_folder(source.parent, tmp_path / "copy")
+        copies = [tmp_path / "copy" / "inner", tmp_path / "copy" / "inner" / "a"]
+        assert all(path.stat().st_mode & 0o200 for path in copies)
+    finally:
+        for path in (source.parent, source):
+            path.chmod(0o755)

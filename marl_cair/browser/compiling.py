@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import pickle
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -81,7 +82,7 @@ def _compile(name: str, scenario: Any, bot: str, representation: str) -> bytes:
         return kernels.compile_rules(game, scenario, opponent)
 
 
-def _digest(game: Game, *choices: object) -> str:
+def _digest(game: Game, scenario: Any, *choices: object) -> str:
     """Of all that the module depends on."""
     import llvmlite
 
@@ -89,5 +90,6 @@ def _digest(game: Game, *choices: object) -> str:
     digest = hashlib.sha256(source_digest(package).encode())
     for module in (kernels, lowering, wasm_file):
         digest.update(Path(inspect.getfile(module)).read_bytes())
-    digest.update(repr((llvmlite.__version__, game.name, choices)).encode())
+    digest.update(repr((llvmlite.__version__, game.name, scenario, choices)).encode())
+    digest.update(pickle.dumps(game.make_rules(scenario)))  # with the content of map files
     return digest.hexdigest()[:32]

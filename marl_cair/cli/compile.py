@@ -6,7 +6,6 @@ $MARL_CAIR_CACHE, else in the user's cache folder, until a rule, numba or the pr
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from marl_cair.cli.parser import Parser
 from marl_cair.games import GAMES
 from marl_cair.games.compiled import cache_root, is_compiling
 from marl_cair.games.precompile import compile_parts, list_parts, list_representations
+from marl_cair.memory import count_cores
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -32,7 +32,7 @@ def run(arguments: Sequence[str]) -> int:
     parser = Parser("marl-cair compile", description=__doc__)
     parser.add_argument("games", nargs="*", metavar="GAME", help="default: all games")
     parser.add_argument(
-        "--workers", type=int, default=_count_cores(), help="processes (default: one per core)"
+        "--workers", type=int, default=count_cores(), help="processes (default: one per core)"
     )
     options = parser.parse_args(arguments)
     if not is_compiling():
@@ -49,10 +49,3 @@ def run(arguments: Sequence[str]) -> int:
         f"compiled the rules of {', '.join(games)} in {seconds:.0f} s: {cache_root()}\n"
     )
     return EXIT_DONE
-
-
-def _count_cores() -> int:
-    """Cores that this process may use: a job of a cluster often has only some."""
-    if hasattr(os, "sched_getaffinity"):  # Linux
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

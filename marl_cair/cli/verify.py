@@ -125,9 +125,9 @@ def _check_league(path: Path) -> str:
 
 
 def _check_replay(path: Path) -> str:
-    from marl_cair.games.replays import read_replay  # and the game
+    from marl_cair.games.replays.reader import is_whole
 
-    return "" if read_replay(path).is_complete else "was cut off before its end"
+    return "" if is_whole(path) else "was cut off before its end"
 
 
 _CHECKS: dict[str, Callable[[Path], str | None]] = {

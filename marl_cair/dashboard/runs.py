@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -100,6 +101,8 @@ class RunReader:
             self._text, self._metrics = "", {}
         for row in parse_log(new, path):
             for name, value in row.items():
+                if not math.isfinite(value):
+                    continue  # JSON has no such numbers
                 steps, values = self._metrics.setdefault(name, ([], []))
                 steps.append(row["frames"])
                 values.append(value)

@@ -55,7 +55,7 @@ def make_server(runs: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
             return "text/javascript", script
         if path == "/data.json":
             return "application/json", read_data()
-        parts = path.split("/")
+        parts = [unquote(part) for part in path.split("/")]  # a run's name may have a slash
         if len(parts) != 4 or parts[2] not in runs:
             return None
         kind, folder, name = parts[1], runs[parts[2]], parts[3]
@@ -149,7 +149,7 @@ def _make_handler(
                 self.send_error(HTTPStatus.FORBIDDEN, "open the page as http://127.0.0.1")
                 return
             try:
-                found = find(unquote(urlsplit(self.path).path))
+                found = find(urlsplit(self.path).path)
             except (ValueError, OSError) as error:
                 self._send(HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", str(error).encode())
                 return

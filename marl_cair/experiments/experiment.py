@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +32,7 @@ from marl_cair.files import claim_output_folder, write_json
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.lookup import check_name
+from marl_cair.memory import count_cores
 from marl_cair.outside import import_outside
 from marl_cair.stored import read_json
 from marl_cair.training.run_log import RunLog
@@ -79,7 +79,7 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
         ClusterError: the cluster cannot be used.
         ValueError: a cell that cannot be composed or rated; before any work.
     """
-    workers = config.workers or os.cpu_count() or 1
+    workers = config.workers or count_cores()
     if check_cluster(config.cluster) == LOCAL:
         return _run(plan, config, compose, LocalProcesses(workers), workers)
     with RayPool(config.cluster, workers) as pool:
@@ -219,7 +219,7 @@ def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -
                 scenario_options=dataclasses.asdict(scenario),
                 games_per_pair=plan.games_per_pair,
                 out=str(config.out / LEAGUES / task),
-                workers=config.workers or os.cpu_count() or 1,
+                workers=config.workers or count_cores(),
                 cluster=config.cluster,
             ),
             partial(load_agent, game=game.name),

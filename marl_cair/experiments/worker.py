@@ -6,6 +6,7 @@ the process that started it has ended, however that was.
 
 from __future__ import annotations
 
+import _thread
 import dataclasses
 import json
 import math
@@ -113,7 +114,10 @@ def end_with_input() -> None:
     def wait() -> None:
         while os.read(0, 1024):
             pass
-        os.kill(os.getpid(), signal.SIGTERM)
+        if os.name == "nt":  # there SIGTERM ends the process at once
+            _thread.interrupt_main()
+        else:
+            os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=wait, daemon=True).start()
 

@@ -121,6 +121,8 @@ class Window:
         persons = [c for c in self.controls if not self.moment.eliminated[c.seat]]
         if self.moment.is_over:
             count = 0
+        elif self.shown["pause"]:
+            count = self.steps_wanted
         elif self.shown["turns"] and persons:
             count = int(all(control.is_ready for control in persons))
         elif persons:
@@ -280,6 +282,8 @@ class Window:
         self.session.start()
         self.message, self.due = "", 0.0
         self._make_controls()
+        if self.session.persons:
+            self.set_view(replace(self.view, seat=self.home_seat()))  # F may show another
         self._take(self.session.look(self.view))
         self._wait_for_start()
         self._counted = self._frames, 0, time.monotonic()

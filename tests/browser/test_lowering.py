@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from marl_cair.browser import compiling
 from marl_cair.browser.compiling import load_rules
 from marl_cair.games import GAMES
+from marl_cair.games.deep_rts import scenarios
+from marl_cair.games.deep_rts.maps import maps
 from tests.browser import small_rules
 from tests.chromium import watched_page
 
@@ -85,6 +88,16 @@ def test_what_is_compiled_is_kept(monkeypatch, tmp_path):
         compiling._digest(game, game.scenario(pipe_gap=120), "oracle", ""),
     ]
     assert len({name, *others}) == 3
+
+
+def test_another_map_in_the_same_file_is_compiled_again(tmp_path):
+    game, path = GAMES["deep_rts"], tmp_path / "mine.txt"
+    digests = []
+    for name in ("15x15-2p-crossing", "21x21-2p-fords"):
+        path.write_bytes((Path(maps.__file__).parent / "files" / f"{name}.txt").read_bytes())
+        scenarios._load_maps.cache_clear()  # as in a new process
+        digests.append(compiling._digest(game, game.scenario(map=str(path)), "rusher", ""))
+    assert digests[0] != digests[1]
 
 
 def test_rounded_logarithms_of_javascript_are_those_of_python(browser):

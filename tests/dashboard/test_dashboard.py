@@ -133,6 +133,20 @@ def test_the_server_answers_with_page_numbers_and_pictures(runs):
     assert (status, picture) == (200, (runs["conv"] / "generator.png").read_bytes())
 
 
+def test_runs_of_folders_of_one_name_show_their_pictures(runs, tmp_path):
+    named = {"a/conv": runs["conv"]}
+    with serving(make_server(named, 0)) as address:
+        assert get(address, "/pictures/a%2Fconv/generator.png")[0] == 200
+
+
+def test_numbers_that_json_does_not_have_are_left_out(runs):
+    log = runs["conv"] / "log.csv"
+    text = log.read_text("utf-8").rstrip("\n")
+    log.write_text(f"{text.rpartition(',')[0]},inf\n", "utf-8")
+    with serving(make_server(runs, 0)) as address:
+        json.loads(get(address, "/data.json")[1], parse_constant=pytest.fail)
+
+
 @pytest.mark.parametrize(
     "path",
     [

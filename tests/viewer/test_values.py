@@ -1,5 +1,6 @@
 """Values of agents are those that they give at each step, with the memory that they then have."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,3 +33,7 @@ def test_values_are_asked_for_at_each_step(tmp_path):
     ]
     assert np.isneginf(valued[:, 1]).any()  # an illegal action
     assert add_values(replay, {0: bot}) is replay
+    held = np.full_like(valued, np.nan)
+    held[:, 1] = 7  # as played, with one decision for several steps
+    recorded = dataclasses.replace(replay, values={ACTION_VALUES: held})
+    assert add_values(recorded, {1: Counting()}).values is recorded.values

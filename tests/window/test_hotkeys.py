@@ -56,6 +56,10 @@ def test_p_pauses_and_continues(window):
     assert window.moment.step == paused
     press(window, "P")
     assert window.moment.step == paused + 1
+    press(window, "P")
+    window.due = 9.0  # steps that the computer is behind
+    Person(window).wait(2)
+    assert window.moment.step == paused + 1
 
 
 def test_the_period_plays_one_step_and_pauses(window):
@@ -123,6 +127,13 @@ def test_f_shows_a_person_no_other_view_before_the_end():
     press(window, "F")
     assert window.view == View(0)
     assert window.message == "other views open when the game is over"
+
+
+def test_the_next_game_of_a_person_begins_in_its_own_view():
+    window = make_window("deep_rts", "1v1-15x15-fog", (None, "random"))
+    window.set_view(View(1))
+    window.start_next()
+    assert window.moment.view == window.view == View(0)
 
 
 def test_v_shows_what_agents_see(window):

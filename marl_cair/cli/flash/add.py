@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from argparse import Namespace
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,10 @@ def describe_swf(chosen: Namespace) -> str:
     path = out / f"{name}.toml"
     if path.exists():
         raise FileExistsError(f"{path} exists already: give another --name, or delete it")
-    data = swf.read_bytes()
+    data, target = swf.read_bytes(), out / f"{name}.swf"
+    is_new = not target.exists()
+    if not is_new and target.read_bytes() != data:
+        raise FileExistsError(f"{target} is another SWF: give another --name, or delete it")
     (width, height), fps = read_header(swf)
     entries: dict[str, Any] = {
         "title": name,
@@ -49,14 +51,14 @@ def describe_swf(chosen: Namespace) -> str:
         entries["score"] = chosen.reward
     text = "".join(f"{key} = {_format(value)}\n" for key, value in entries.items() if value != "")
     out.mkdir(parents=True, exist_ok=True)
-    target = out / f"{name}.swf"
-    if not target.exists():
-        shutil.copyfile(swf, target)
     try:
+        write_atomically(target, data)
         write_atomically(path, text)
         EndReader(read_description(path)).check()
     except ValueError:
         path.unlink()
+        if is_new:
+            target.unlink()
         raise
     return (
         f"{path} describes {width} x {height} pixels at {fps:g} frames per second. Next:\n"

@@ -59,7 +59,7 @@ def _train(arguments: Sequence[str]) -> int:
 def _watch(arguments: Sequence[str]) -> int:
     """Write a film, and print how long it is."""
     options = make_watch_parser().parse_args(arguments)
-    require_counts(options, "steps", "fps")
+    require_counts(options, "steps", "fps", "open")
     from marl_cair.training.offline.watching import film_generator
 
     count = film_generator(

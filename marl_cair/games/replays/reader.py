@@ -32,10 +32,7 @@ def read_replay(path: str | os.PathLike[str]) -> Replay:
         ValueError: a scenario that cannot be read, as one whose map file is missing.
         OSError: the file cannot be opened.
     """
-    with open_stored(path, REPLAY) as file:
-        content = file.read()
-    line, mark, body = content.partition(b"\n")
-    head = _read_head(path, line, mark)
+    head, body = _read_parts(path)
     try:
         game = find_by_name("game", head["game"], GAMES)
     except UnknownNameError as error:
@@ -69,6 +66,26 @@ def read_replay(path: str | os.PathLike[str]) -> Replay:
         records.hashes,
         head["extra"],
     )
+
+
+def is_whole(path: str | os.PathLike[str]) -> bool:
+    """Whether a replay has its end, by its records alone: the game need not be installed.
+
+    Raises ReplayError for no replay, or a damaged one.
+    """
+    _, body = _read_parts(path)
+    try:
+        kinds = [kind for kind, _ in layout.list_records(body)]
+    except ValueError as error:
+        raise _damaged(path, _describe(error)) from error
+    return layout.END in kinds
+
+
+def _read_parts(path: str | os.PathLike[str]) -> tuple[dict[str, Any], bytes]:
+    """The head, and the records."""
+    with open_stored(path, REPLAY) as file:
+        line, mark, body = file.read().partition(b"\n")
+    return _read_head(path, line, mark), body
 
 
 def _read_head(path: str | os.PathLike[str], line: bytes, mark: bytes) -> dict[str, Any]:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from marl_cair.checkpoint import CheckpointError, find_agent
-from marl_cair.files import find_folder, replaced_folder
+from marl_cair.files import copy_content, find_folder, replaced_folder
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
 from marl_cair.league.agents.allowed_code import is_process
@@ -97,7 +96,7 @@ def save_mixture(
             place = find_folder(origin)
             if place.is_dir():
                 inside = f"{_MEMBERS}/{number:02}"
-                shutil.copytree(place, fresh / inside)
+                copy_content(place, fresh / inside)
                 member |= {"folder": inside, "from": str(origin.absolute())}
             else:
                 member["agent"] = source

@@ -37,10 +37,10 @@ from marl_cair.training.settings.config import (
     CollectorSettings,
     EvaluationSettings,
     OpponentSettings,
-    ReplaySettings,
     TrainConfig,
 )
 from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.replay import ReplaySettings
 
 WORLDS, STEPS, CAPACITY, MIN_TRANSITIONS = 128, 16, 100_000, 5_000
 WINDOWS, UPDATES = 5, 50

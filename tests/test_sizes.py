@@ -8,21 +8,21 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_510,
+    "games": 21_555,
     "policies": 2_410,
     "replay": 2_290,
     "generative": 2_960,
     "self_play": 1_035,
     "league": 8_070,
-    "training": 7_430,
-    "experiments": 1_630,
-    "viewer": 720,
-    "window": 2_440,
+    "training": 7_440,
+    "experiments": 1_635,
+    "viewer": 725,
+    "window": 2_445,
     "browser": 950,
-    "dashboard": 300,
+    "dashboard": 305,
     "conf": 10,
     "cli": 4_290,
-    "": 1_920,  # the modules that every part may import
+    "": 1_940,  # the modules that every part may import
 }
 
 

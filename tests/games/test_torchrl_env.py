@@ -19,6 +19,7 @@ from torchrl.envs import (
 from torchrl.envs.utils import check_env_specs
 
 import marl_cair
+from marl_cair.games import torchrl_env
 from marl_cair.games.parallel_env import GameParallelEnv
 from marl_cair.games.torchrl_env import GROUP, MAX_SPARE, ArrayPool, BatchedGameEnv
 from tests.games.cases import REPRESENTATIONS, Case, Luck, choose_actions, ticks_of
@@ -194,6 +195,17 @@ def test_a_partial_reset_restarts_its_worlds_only_and_shows_all(game_name, key):
     for name, value in env.engine.state_dict().items():
         np.testing.assert_array_equal(value[[0, 2]], before[name][[0, 2]])
     assert env.seeds.episodes.tolist() == [1, 2, 1]
+
+
+def test_a_partial_reset_shows_all_worlds_of_large_boards_too(monkeypatch):
+    """Transforms that normalise read them, before TorchRL takes those that were reset."""
+    monkeypatch.setattr(torchrl_env, "SMALL", 0)
+    env = BatchedGameEnv("deep_line_wars", "11x11", 3)
+    env.reset()
+    asked = torch.tensor([[False], [True], [False]])
+    shown = env._reset(TensorDict({"_reset": asked}, batch_size=[3]))
+    observed = env.engine.observe("planes")
+    np.testing.assert_array_equal(shown[GROUP, "observation"].numpy(), observed)
 
 
 def test_the_last_observation_of_a_game_outlasts_the_reset(game_name):

@@ -118,3 +118,10 @@ def test_a_wrong_batch_size_is_refused_by_torchrl():
     chosen = with_actions(env.reset(), env, luck_for(env, 1)[0])
     with pytest.raises(RuntimeError, match="Expected a tensordict with shape==env.batch_size"):
         env.step_and_maybe_reset(chosen[:2])
+
+
+def test_closing_frees_the_worlds(monkeypatch):
+    env, closed = BatchedGameEnv("deep_line_wars", "11x11", 1), []
+    monkeypatch.setattr(env.engine, "close", lambda: closed.append(True))
+    env.close()
+    assert closed == [True]

@@ -44,6 +44,7 @@ from marl_cair.training.settings.exploration import (
 )
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings, NfspSettings
 from marl_cair.training.settings.offline import OfflineSettings
+from marl_cair.training.settings.replay import ReplaySettings
 
 # Half the newest policy, half older ones, after AlphaStar and OpenAI Five. It is not shown to be
 # the best mixture: `marl-cair experiment opponents` compares.
@@ -53,7 +54,6 @@ GAMES_FOLDER = "games"  # in a run's folder: replays of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 _Margin = Annotated[float, Allowed(lambda x: 0 <= x < 0.5, "0 or more, below 0.5, or null")]
 _Branch = Annotated[int, Allowed(lambda n: 0 <= n <= 20, "0..20")]
-_SequenceSteps = Annotated[int, Allowed(lambda n: n >= 2, "2 or more")]
 _Score = Annotated[float, Allowed(math.isfinite, "a number or null")]
 
 
@@ -162,28 +162,6 @@ class CollectorSettings:
 
     def __post_init__(self) -> None:
         check_fields(self, "collector.")
-
-
-@dataclass(frozen=True)
-class ReplaySettings:
-    """The replay buffers of real and generated transitions."""
-
-    capacity_transitions: int = 200_000  # the newest real transitions are kept
-    generated_capacity_transitions: Count = 20_000  # the newest generated ones
-    min_transitions: Count = 5_000  # transitions; learning starts with these
-    scratch_dir: str | None = None  # observations on disk in this folder; None: in memory
-    priority_alpha: Share = 0.0  # how strongly TD errors decide what is sampled; 0: uniformly
-    priority_beta: Share = 0.4  # how far weights correct for that at first; fully at total_frames
-    sequence_steps: _SequenceSteps = 16  # learned steps of a sequence, for networks with memory
-    burn_in_steps: Natural = 8  # of a sequence before them, which only move its stored state on
-
-    def __post_init__(self) -> None:
-        check_fields(self, "replay.")
-        steps, burn_in = self.sequence_steps, self.burn_in_steps
-        allowed = f"below replay.sequence_steps, which is {steps}"
-        require(burn_in < steps, "replay.burn_in_steps", burn_in, allowed)
-        capacity, least = self.capacity_transitions, self.min_transitions
-        require(capacity >= least, "replay.capacity_transitions", capacity, f"{least} or more")
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ import pytest
 from marl_cair.games import make_engine
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.rules import roster
 from marl_cair.games.deep_rts.views.planes import PLANE_NAMES
-from tests.games.deep_rts.skirmish import RICH, Skirmish, play_random
+from tests.games.deep_rts.skirmish import MEADOW, RICH, Skirmish, call, play_random
 
 NAMES = ("planes", "classic", "vector")
 ALL_NAMES = (*NAMES, "image", "gray")
@@ -70,6 +71,27 @@ def test_tile_that_changes_unseen_stays_in_memory_until_it_is_seen_again():
     game.order(scout, s.MOVE, 8, 9)
     game.wait(80)
     assert plane(game, "gold")[8, 12] == 0
+
+
+def test_a_team_remembers_what_any_of_it_has_seen_last():
+    text = MEADOW.replace(".1......", ".1.....3").replace("......2.", "4.....2.")
+    game = foggy(text=text, num_players=4, teams=(0, 1, 0, 1))
+    game.set_tile(8, 12, t.GOLD_TILE)
+    for player, tile in ((0, t.GOLD_TILE), (2, t.GRASS)):
+        game.set_tile(8, 12, tile)
+        passer = game.put(player, t.PEASANT, 8, 9)
+        call(roster.remove_unit, game.world, game.rules, passer)
+    assert {plane(game, "gold", player)[8, 12] for player in (0, 2)} == {0}
+    assert {plane(game, "explored", player)[8, 12] > 0 for player in (0, 2)} == {True}
+
+
+@pytest.mark.parametrize("fog", [False, True])
+def test_no_move_leads_off_the_board(fog):
+    game = Skirmish(fog=fog, actions="classic")
+    game.select(game.put(0, t.PEASANT, 0, 0))
+    names, legal = game.engine.spec.action_names, game.engine.action_mask()[0, 0]
+    moves = [name for name, one in zip(names, legal, strict=True) if one and "move" in name]
+    assert len(moves) == 3
 
 
 def test_all_is_visible_without_fog():

@@ -1,6 +1,7 @@
 """Flash as a game like the others: determinism, and all environments, in real browsers."""
 
 import dataclasses
+import os
 import warnings
 
 import gymnasium
@@ -217,6 +218,38 @@ def test_a_browser_within_a_step_is_not_kept():
     engine.close()
     with pytest.raises(FlashError, match="closed"):
         busy.end_step()
+
+
+def test_a_game_goes_on_after_an_interrupt_and_after_the_end_of_waiting_browsers():
+    rules.close_spare_browsers()
+    engine = marl_cair.make_engine("flash", "multitask", num_worlds=4)
+    seeds = np.arange(4, dtype=np.uint64)
+    engine.reset(seeds)
+    for world in range(4):
+        engine._rules.server(world).begin_step(1)  # as Ctrl-C within a step leaves them
+    engine.reset(seeds)
+    engine.step(np.zeros((4, 1), np.int64))
+    assert not engine.truncated.any()
+    servers = [engine._rules.server(world) for world in range(4)]
+    engine.close()
+    for server in servers:
+        server.close()
+    engine = marl_cair.make_engine("flash", "multitask")
+    engine.reset(0)
+    assert engine._rules.server(0) not in servers
+    engine.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_forked_process_has_browsers_of_its_own():
+    engine = marl_cair.make_engine("flash", "multitask")
+    engine.reset(0)
+    engine.close()
+    assert rules._spare
+    child = os.fork()
+    if child == 0:
+        os._exit(len(rules._spare))
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def test_many_games_are_played_in_four_browsers():

@@ -85,7 +85,7 @@ def require_memory_of_learning(
     whole = 2 * (_observation_bytes(seen) + rows.num_actions) + _ENTRY_BYTES
     for name, num_bytes in (
         ("replay.capacity_transitions", in_ring * config.fills_replay),
-        ("replay.generated_capacity_transitions", whole * config.has_generator),
+        ("replay.generated_capacity_transitions", whole),
         ("nfsp.capacity_rows", (rows.row_bytes + rows.mask_bytes) * config.nfsp.enabled),
         ("learner.batch_size", int(4 * whole * repeats)),
         ("nfsp.batch_size", 4 * whole),

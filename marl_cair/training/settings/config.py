@@ -342,7 +342,7 @@ class TrainConfig:
         """Raise ValueError for a buffer too small for whole rows: nothing would be learned."""
         streams = self.collector.num_worlds * self.game.spec.num_players
         least = streams * (self.learner.n_steps + 1)
-        allowed = f"{least} or more, for rows of learner.n_steps of {streams} seats"
+        allowed = f"{least} or more: learner.n_steps + 1 for each seat of collector.num_worlds"
         capacity = self.replay.capacity_transitions
         require(capacity >= least, "replay.capacity_transitions", capacity, allowed)
 

@@ -18,7 +18,7 @@ GAMES_EACH = 24
 LEAST = {
     "deep_line_wars_10x15": (0.79, 0.92),  # 94 %, 98 %
     "deep_line_wars_10x15_mixture": (0.33, 0.8),  # 64 %, 90 %
-    "deep_rts_1v1_15x15": (0.72, 0.88),  # 90 %, 94 %
+    "deep_rts_1v1_15x15": (0.64, 0.85),  # 90 %, 94 %: both games of a map often end alike
     "flash_duel": (0.87, 0.87),  # 97.5 %
 }
 BOTS = {"flash_duel": ("duelist",)}  # others play them all

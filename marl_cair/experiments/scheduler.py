@@ -95,6 +95,7 @@ class LocalProcesses:
                     text=True,
                     env={**os.environ, **threads},
                     start_new_session=True,  # Ctrl-C reaches it through `stop`, once
+                    creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # Windows
                 )
                 self._running.add(process)
             with process:  # closes its pipes

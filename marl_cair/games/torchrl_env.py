@@ -69,9 +69,9 @@ class Reader(NamedTuple):
     def fill(self, only: NDArray[np.int64] | None, before: Tensor | None) -> Tensor:
         """Read all worlds, or `only` some; the others are as `before`."""
         out = self.take()
-        if only is None or before is None or self.is_small:
+        if only is None or self.is_small:
             return torch.from_numpy(self.read(out))
-        np.copyto(out, before.numpy())
+        np.copyto(out, before.numpy())  # type: ignore[union-attr]  # given with `only`
         if len(only):
             out[only] = self.read(worlds=only)
         return torch.from_numpy(out)

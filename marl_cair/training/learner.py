@@ -69,7 +69,8 @@ class Learner:
         self._averaged: list[Tensor] = list(self.average.parameters())
         own, saved = self.average.state_dict(), network.state_dict(keep_vars=True)
         # As means of batch normalisation: beside the weights, what a saved network has.
-        self._running = [(own[k], v) for k, v in saved.items() if not isinstance(v, nn.Parameter)]
+        buffers = {k: v for k, v in saved.items() if isinstance(v, Tensor)}  # not extra state
+        self._running = [(own[k], v) for k, v in buffers.items() if not isinstance(v, nn.Parameter)]
         make_optimizer = _OPTIMIZERS[settings.optimizer]
         epsilon = {} if settings.optimizer == "sgd" else {"eps": settings.optimizer_epsilon}
         self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate, **epsilon)

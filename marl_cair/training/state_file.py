@@ -48,16 +48,14 @@ def require_space(
     spec: TransitionSpec,
     has_state: bool,
 ) -> None:
-    """Raise NotEnoughSpaceError unless the disk has room for a run's states and its other files;
-    has_state: whether one is there, which the run resumes.
-    """
+    """Raise NotEnoughSpaceError without room on disk; has_state: the run resumes one there."""
     state = 0
     if config.checkpoint.include_replay and config.fills_replay:
         state += real.storage.nbytes_per_step * config.replay.capacity_transitions
     if config.nfsp.enabled:
         state += config.nfsp.capacity_rows * (spec.row_bytes + spec.mask_bytes + 4)
-    # A new state is written beside the old one before it takes its place.
-    require_free_space(folder, _SPARE_BYTES + (1 if has_state else 2) * state)
+    copies = 1 if has_state else 2  # a new one is written beside the old
+    require_free_space(folder, _SPARE_BYTES + copies * state)
 
 
 def to_tensors(value: Any) -> Any:

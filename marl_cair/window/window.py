@@ -328,9 +328,9 @@ class Window:
 
     def describe_panels(self, inks: list[Any]) -> PanelState:
         """What the panels show now."""
-        speed = "paused" if self.shown["pause"] else f"speed {self.speed:g}"
-        if self.shown["turns"]:
-            speed = "waits for you"
+        speed = "waits for you" if self.shown["turns"] else f"speed {self.speed:g}"
+        if self.shown["pause"]:
+            speed = "paused"
         return PanelState(
             self.session, self.moment, self.list_seats(), inks, speed, self.frame_rates,
             self.tick_rates,

@@ -12,12 +12,10 @@ from marl_cair.league.play.recording import Recording
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ReplaySettings
 from marl_cair.training.settings.demonstration import DemonstrationSettings
-from marl_cair.training.settings.learner import LearnerSettings
 from tests.training.runs import tiny, train
 
 GAME = GAMES["deep_line_wars"]
 OPTIONS = {"max_ticks": 300}  # as `tiny` plays: 30 steps
-ONE_STEP = LearnerSettings(n_steps=1)
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +109,7 @@ def test_without_names_the_winners_demonstrate(tmp_path):
         (
             "games",
             ("turtle",),
-            {"replay": ReplaySettings(100, 10, min_transitions=10), "learner": ONE_STEP},
+            {"replay": ReplaySettings(100, 10, min_transitions=10)},
             "have 124 demonstrated steps and ends, allowed are 1..100",
         ),
     ],

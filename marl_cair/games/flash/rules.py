@@ -102,6 +102,7 @@ class Browsers:
             self.picture = None
         self._kind = self.described, self.transport
         self._servers: dict[int, FlashServer] = {}
+        self._process = os.getpid()
 
     def has(self, slot: int) -> bool:
         """Whether a world has a browser."""
@@ -141,6 +142,8 @@ class Browsers:
         """Keep up to MOST_SPARE browsers for the next engine of the same SWF, but none within a
         step; close the others.
         """
+        if os.getpid() != self._process:  # a fork: they are its parent's
+            self._servers.clear()
         spare = _spare.setdefault(self._kind, [])
         for server in self._servers.values():
             if server.is_idle and len(spare) < MOST_SPARE:

@@ -78,7 +78,7 @@ class SequentialResult:
 
     verdict: Verdict  # "undecided" after the most games; "repeats" if agents only repeat games
     ratio: float  # the log-likelihood ratio at the end
-    match: MatchResult  # up to the decision, without blocks that repeat others
+    match: MatchResult  # up to the decision; one block if all are alike
 
 
 def start_count(num_teams: int) -> Counter[float]:

@@ -47,8 +47,7 @@ class Decisions(NamedTuple):
 def find_meetings(
     taken: Decisions, last: LastStep, team_of_seat: NDArray[np.int64], games: NDArray[np.int64]
 ) -> list[Meeting]:
-    """The learner's result against each rival team of the games that have just ended; `games` [B]
-    are their numbers.
+    """The learner's result against each rival team of those of `games` [B] that have just ended.
 
     Teams that the learner plays too are no rivals, and games in which a demonstrator played for it
     do not count.

@@ -145,9 +145,7 @@ class OpponentBook:
             self._probabilities += [share / slots] * slots
 
     def note(self, meetings: Iterable[Meeting], frames: int, running: int = MOST) -> None:
-        """Record the results of games that ended at `frames`; `running` is the lowest number of a
-        game that is still played.
-        """
+        """Record games that ended at `frames`; `running`: the lowest number of one that goes on."""
         for opponent, score, _, game in meetings:
             self._bets.book(game, opponent, score)
             self.records.book(opponent, score, frames)

@@ -88,12 +88,14 @@ class SeatRouter(TensorDictModuleBase):
         self._met = np.full(worlds, NO_OPPONENT, np.int16)
         self._answering = np.ones((worlds, num_teams), np.bool_)  # the Q-network plays the team
         self._episode = np.full(worlds, -1, np.int64)
+        self._game = np.zeros(worlds, np.int64)  # numbers that rise with the games' beginnings
         self._recurrent = np.zeros((2, *seats, 0), np.float32)  # of players and demonstrators
         self._ranges = {  # of saved arrays; those of bools need none
             "opponent": OPPONENT,
             "met": OPPONENT,
             "team": Range(0, num_teams - 1),
             "episode": Range(-1, MOST),
+            "game": COUNT,
             "actions": Range(NO_ACTION, env.engine.spec.num_actions - 1),
         }
 
@@ -116,12 +118,10 @@ class SeatRouter(TensorDictModuleBase):
         """
         group, taken = tensordict.get(GROUP), self.taken
         if self.frames:
-            # Rounds of one game of each world: these numbers do not depend on lengths.
-            worlds = np.arange(len(self._episode))
-            games = self._episode * len(worlds) + worlds
-            meetings = find_meetings(taken, self._env.last, self._teams, games)
+            meetings = find_meetings(taken, self._env.last, self._teams, self._game)
             self._statistics.note_step(taken, self._env.last, meetings)
-            running = self._env.seeds.episodes * len(worlds) + worlds
+            has_ended = self._env.seeds.episodes != self._episode
+            running = np.where(has_ended, self._number_games(), self._game)
             self._book.note(meetings, self.frames, int(running.min()))
         starting = self._start_new_games()
         taken.owned[:] = taken.opponent == LATEST_ID
@@ -198,6 +198,7 @@ class SeatRouter(TensorDictModuleBase):
             drawn[np.arange(count), teams] = LATEST_ID
             self.taken.opponent[starting] = drawn[:, self._teams]
             self._episode[:] = self._env.seeds.episodes
+            self._game[starting] = self._number_games()[starting]
             self._book.forget_unused(self.taken.opponent)
             own: OwnPolicies = self.__dict__["own"]
             self._answering[starting] = own.draw_answering(self._rng, count, num_teams)
@@ -244,7 +245,11 @@ class SeatRouter(TensorDictModuleBase):
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         others = {"met": self._met, "episode": self._episode, "answering": self._answering}
-        return {**self.taken._asdict(), **others}
+        return {**self.taken._asdict(), **others, "game": self._game}
+
+    def _number_games(self) -> NDArray[np.int64]:
+        """Numbers [B] of games that begin now."""
+        return self.frames * len(self._game) + np.arange(len(self._game))
 
     def export_state(self) -> dict[str, Any]:
         """Teams, opponents and random states as tensors and plain data."""

@@ -339,12 +339,11 @@ class TrainConfig:
             self._check_action_shape()
 
     def _check_replay(self) -> None:
-        """Raise ValueError for a buffer too small for whole rows: nothing would be learned."""
-        streams = self.collector.num_worlds * self.game.spec.num_players
-        least = streams * (self.learner.n_steps + 1)
-        allowed = f"{least} or more: learner.n_steps + 1 for each seat of collector.num_worlds"
-        capacity = self.replay.capacity_transitions
-        require(capacity >= least, "replay.capacity_transitions", capacity, allowed)
+        """Raise ValueError for a buffer that drops steps before they have a next one."""
+        least = 2 * self.collector.num_worlds
+        allowed = f"{least} or more: a step and the next of collector.num_worlds, or fewer worlds"
+        held = self.replay.capacity_transitions
+        require(held >= least, "replay.capacity_transitions", held, allowed)
 
     def _check_action_shape(self) -> None:
         """Raise ValueError for parts that cannot learn from an action at each cell."""

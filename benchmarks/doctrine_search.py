@@ -9,8 +9,8 @@ every bot 16 times; the four best of them, and the four best of all, whose luck 
 A doctrine's worth is the mean of its lowest share of points and of its mean share. In the end the
 best plays --games games against each bot on other map seeds than it was chosen on.
 
-`marl_cair.games.deep_rts.teacher` is what it found with these defaults, when
-the bots did not fight off peasants.
+`marl_cair.games.deep_rts.teacher` is what it found with these defaults, when the bots did not fight
+off peasants.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -49,17 +50,16 @@ class BettingTest:
         self._bar, self._limit = bar, -math.log(error)
         self._log_wealth: dict[int, float] = {}
         self._met: dict[int, Evidence] = {}
-        self._waiting: list[tuple[int, int, float]] = []  # number of the game, opponent, score
+        self._waiting: list[tuple[int, int, float]] = []  # a heap: game, opponent, score
 
     def book(self, game: int, opponent: int, score: float) -> None:
         """Add the score in 0..1 of a game that has ended."""
-        self._waiting.append((game, opponent, score))
+        heapq.heappush(self._waiting, (game, opponent, score))
 
     def settle(self, running: int) -> None:
         """Bet on the games before `running`, the lowest number of a game that is still played."""
-        ready = sorted(one for one in self._waiting if one[0] < running)
-        self._waiting = [one for one in self._waiting if one[0] >= running]
-        for _, opponent, score in ready:
+        while self._waiting and self._waiting[0][0] < running:
+            _, opponent, score = heapq.heappop(self._waiting)
             bar, met = self._bar, self._met.get(opponent, Evidence())
             edge = (met.estimate(_PRIOR_GAMES) - bar) / (bar * (1.0 - bar))
             stake = min(max(0.0, edge), MOST_STAKED / bar)
@@ -86,11 +86,12 @@ class BettingTest:
         for number in held:
             read_number(held, number, _LOG_WEALTH)
         self._met = {_read_opponent(n): one for n, one in read_evidence(state["met"]).items()}
-        self._waiting = [
+        waiting = [
             (check_number(game, "game", COUNT), _read_opponent(n), check_number(s, "score", SCORE))
             for game, n, s in state["waiting"]
         ]
-        self._log_wealth = held
+        heapq.heapify(waiting)
+        self._log_wealth, self._waiting = held, waiting
 
 
 class WinRecords:

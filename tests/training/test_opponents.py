@@ -47,7 +47,7 @@ def test_a_curriculum_makes_the_bots_stronger_as_they_are_beaten(tmp_path):
     quits = [numbers[name] for name in list_strengths("quitter")]
     assert set(run.book.draw(200, 0)) & {*quits} == {quits[0]}
     for beaten, number in enumerate(quits[:-1]):
-        run.book.note([Meeting(number, 1.0, 1.0)] * 20, frames=beaten)
+        run.book.note([Meeting(number, 1.0, 1.0, 0)] * 20, frames=beaten, running=1)
         assert set(run.book.draw(200, beaten + 1)) & {*quits} == {quits[beaten + 1]}
         strength = run.book.report(beaten + 1)["curriculum/quitter"]
         assert strength == [*STRENGTHS, 1][beaten + 1]
@@ -176,10 +176,10 @@ def test_a_learner_that_surely_beats_the_best_is_frozen_early(tmp_path):
     book = run.book
     run.add_snapshot()
     run.frames = 99
-    book.note([Meeting(FIRST, 1.0, 1.0)] * 200, 99)
+    book.note([Meeting(FIRST, 1.0, 1.0, 0)] * 200, 99, running=1)
     assert not book.beats_the_best(99)  # a snapshot of just now
     assert book.beats_the_best(100)
-    book.note([Meeting(FIRST, 0.0, 0.0)] * 120, 100)
+    book.note([Meeting(FIRST, 0.0, 0.0, 1)] * 120, 100, running=2)
     assert not book.beats_the_best(100)  # 62 % of 320 games: not surely above 60 %
     run.frames = 100
     run.add_snapshot()
@@ -191,7 +191,7 @@ def test_a_learner_that_surely_beats_the_best_is_frozen_early(tmp_path):
 def test_without_a_margin_only_the_clock_freezes(tmp_path):
     run = make_run(tmp_path, "duel", {"uniform": 1.0}, snapshot_margin=None)
     run.add_snapshot()
-    run.book.note([Meeting(FIRST, 1.0, 1.0)] * 500, 10)
+    run.book.note([Meeting(FIRST, 1.0, 1.0, 0)] * 500, 10, running=1)
     assert not run.book.beats_the_best(10**6)
     run.close()
 

@@ -133,11 +133,6 @@ class Browsers:
         if slot in self._servers:
             self._servers.pop(slot).close()
 
-    def close_spare(self) -> None:
-        """Close the browsers that wait for an engine of the same SWF."""
-        for server in _spare.pop(self._kind, []):
-            server.close()
-
     def close(self) -> None:
         """Keep up to MOST_SPARE browsers for the next engine of the same SWF, but none within a
         step; close the others.
@@ -176,7 +171,7 @@ def _start(browsers: Browsers, slot: int, seed: int) -> NDArray[np.uint8] | None
             return _begin(browsers, browsers.server(slot), seed)
         except FlashError as error:
             browsers.drop(slot)
-            browsers.close_spare()  # they may have ended too
+            close_spare_browsers()  # they may have ended too
             logger.warning("flash: %s; another browser is started", error)
     return _begin(browsers, browsers.server(slot), seed)
 

@@ -95,7 +95,7 @@ class MatchResult:
 
     def without_repeats(self) -> MatchResult:
         """The first block if all others repeat it: neither the agents nor the maps vary, and more
-        games tell nothing. Else all games: where chance decides, equal ones count as often as they
+        games add nothing. Else all games: where chance decides, equal ones count as often as they
         happen.
         """
         is_varied = self.distinct_games > self.num_teams or bool(self.forfeits)

@@ -40,7 +40,7 @@ class Meeting(NamedTuple):
     opponent: int
     score: float  # 1 if the learner's team is ahead of that one, 0 behind, 1/2 level
     points: float  # of the learner's team in the whole game
-    game: int = 0  # numbers rise from game to game of a world, and differ between worlds
+    game: int  # numbers rise from game to game of a world, and differ between worlds
 
 
 class OpponentBook:
@@ -144,7 +144,7 @@ class OpponentBook:
             self._numbers += samplers.draw_evenly(self._rng, numbers, weights, slots)
             self._probabilities += [share / slots] * slots
 
-    def note(self, meetings: Iterable[Meeting], frames: int, running: int = MOST) -> None:
+    def note(self, meetings: Iterable[Meeting], frames: int, running: int) -> None:
         """Record games that ended at `frames`; `running`: the lowest number of one that goes on."""
         for opponent, score, _, game in meetings:
             self._bets.book(game, opponent, score)

@@ -30,7 +30,7 @@ FILM, VIEWER, REPLAY, TENSORS, ARRAY = "film", "viewer", "replay", "tensors", "a
 MAX_BYTES = {
     SETTINGS: 128 * _KIB,  # a configuration has 5 KiB; YAML is read at some 100 KiB in a second
     RECORD: 4 * _MIB,  # agent.json has 2 KiB, a mixture 0.1 KiB for each member
-    INDEX: 32 * _MIB,  # of a pool: 1,000 snapshots, each with its games against all before
+    INDEX: 32 * _MIB,  # of a folder of thousands of files
     LOG: 256 * _MIB,  # log.csv has 1 KiB for each 10,000 frames
     MAP: 2 * _MIB,  # 128 x 128 cells, the most there are, have 17 KiB as text, 0.1 MiB as JSON
     FILM: 16 * _MIB,  # a film has some MiB at most

@@ -9,6 +9,7 @@ import sqlite3
 import sys
 
 import pytest
+import torch
 
 from marl_cair import outside
 from marl_cair.checkpoint import CheckpointError, load_network
@@ -20,13 +21,14 @@ from marl_cair.league.extend import plan_extension
 from marl_cair.league.mixing import mix_league
 from marl_cair.league.report.report import report_stored
 from marl_cair.league.store.store import STORE_FILE
-from marl_cair.self_play.pool import Pool
 from marl_cair.training.population.league_run import train_league
 from marl_cair.training.population.league_settings import load_league
 from marl_cair.training.population.league_slice import Budget, run_slice
 from marl_cair.training.population.psro_settings import load_psro
+from marl_cair.training.run import RESUME_FOLDER, TrainingRun
 from marl_cair.training.settings.config_file import load_config
 from marl_cair.training.settings.demonstration import DemonstrationSettings
+from marl_cair.training.state_file import STATE_FILE
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
 from tests.games import last_standing
@@ -34,7 +36,7 @@ from tests.league.leagues import play_bots
 from tests.league.players import save_network
 from tests.refusals import assert_refused
 from tests.training.leagues import make_league
-from tests.training.runs import GAME, tiny
+from tests.training.runs import tiny
 
 COMMAND = "process:sh -c 'touch pwned'"
 FUNCTION = "pwn:make"
@@ -220,7 +222,7 @@ class TestMixture:
 
 
 class TestRun:
-    """`config.yaml`, `run.json`, `pool.json` and the state of a run of training."""
+    """`config.yaml`, `run.json` and the state of a run of training."""
 
     @pytest.fixture
     def run(self, trained, here):
@@ -285,14 +287,13 @@ class TestRun:
 
     @pytest.mark.parametrize("name", ["../../elsewhere", "/etc", ".."])
     def test_a_snapshot_lies_in_the_pool(self, run, name):
-        index = run / "snapshots" / "pool.json"
-        record = json.loads(index.read_text("utf-8"))
-        record["snapshots"][0]["name"] = name
-        index.write_text(json.dumps(record), "utf-8")
+        state = run / RESUME_FOLDER
+        contents = torch.load(state / STATE_FILE, weights_only=True)
+        contents["book"]["pool"]["snapshots"][0]["name"] = name
+        torch.save(contents, state / STATE_FILE)
         forget_checksums(run)
-        pool = Pool(run / "snapshots", GAME, GAME.scenario("11x11"), "planes", 4)
         with pytest.raises(CheckpointError, match="must be the plain name of a folder"):
-            pool.reopen()
+            TrainingRun(load_config(run), resume=True)
 
 
 class Evil:

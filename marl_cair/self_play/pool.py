@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from marl_cair import checkpoint
 from marl_cair.checkpoint import AgentDescription, CheckpointError, save_agent
-from marl_cair.files import recover_folder, write_json
+from marl_cair.files import recover_folder
 from marl_cair.games.game import Agent, Game
 from marl_cair.league.agents.load import find_fingerprint
 from marl_cair.policies import PLAYS
 from marl_cair.ranges import COUNT, FLAG, Range, read_number
 from marl_cair.self_play.shared_folder import MAIN, LeagueSeat, Player
 from marl_cair.self_play.win_rates import EVEN, Evidence, read_evidence
-from marl_cair.stored import INDEX, check_plain_name, read_json
+from marl_cair.stored import check_plain_name
 
 if TYPE_CHECKING:
     import torch
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 BOT, FOREIGN, LIVE, SNAPSHOT = "bot", "foreign", "live", "snapshot"
 FIRST_NUMBERS = {BOT: 1, FOREIGN: 500, LIVE: 900, SNAPSHOT: 1_000}  # 0 is the learner itself
 _SNAPSHOT_NUMBERS = Range(FIRST_NUMBERS[SNAPSHOT], 2**15 - 1)  # int16 in replay
-INDEX_FILE = "pool.json"
-_FORMAT_VERSION = 1
 _SUPPORT = 0.01  # least share of the Nash mixture of a snapshot that it needs
 
 
@@ -39,7 +37,7 @@ _SUPPORT = 0.01  # least share of the Nash mixture of a snapshot that it needs
 class Member:
     """One frozen opponent."""
 
-    number: int  # in games, records and the index
+    number: int  # in games and records
     name: str  # of a bot, a foreign agent, or a snapshot's folder within the pool's
     kind: str  # BOT, FOREIGN, LIVE (another learner's current policy) or SNAPSHOT
     frames: int = 0  # the learner's when the snapshot was frozen; else 0
@@ -51,11 +49,11 @@ class Member:
 
 
 class Pool:
-    """Frozen opponents; snapshots are agents in `folder`, beside the index `pool.json`.
+    """Frozen opponents; snapshots are agents in `folder`, each written atomically.
 
-    A snapshot is written before the index that names it, both atomically: after a crash the folder
-    holds the pool before or after the change, and perhaps a snapshot that the index does not name.
-    A network is read when it is first needed, and refused if it is not the one that was frozen.
+    The run's state (`state_dict`) says which of them are in play: after a crash the folder may hold
+    a snapshot that the state does not name. A network is read when it is first needed, and refused
+    if it is not the one that was frozen.
 
     With more than `capacity` snapshots in play, one retires (`choose_retired`); its folder stays,
     as an agent for leagues, and for a resumed run. Bots and foreign agents stay.
@@ -66,7 +64,7 @@ class Pool:
         representation: of the snapshots.
         capacity: most snapshots in play; 1 or more, else raises ValueError.
         prior_games: even games that are added to each estimate of `payoff`.
-        seat: in a league; snapshots are then players in its folder, and `folder` has the index.
+        seat: in a league; snapshots are then players in its folder.
         device: of the snapshots' networks.
     """
 
@@ -84,7 +82,7 @@ class Pool:
         if capacity < 1:
             raise ValueError(f"the pool's capacity is {capacity}, it must be 1 or more")
         self.folder = folder if seat is None else seat.folder / checkpoint.PLAYERS
-        self.capacity, self.seat, self._index_folder = capacity, seat, folder
+        self.capacity, self.seat = capacity, seat
         self._game, self._prior_games, self._device = game, prior_games, device
         self._representation = representation
         self._groups = game.make_spec(scenario).action_groups
@@ -171,7 +169,6 @@ class Pool:
         member = Member(number, name, SNAPSHOT, age, fingerprint, kept, owner=owner, role=role)
         self._members[number], self._agents[number] = member, agent
         self._retire_one()
-        self.save_index()
         return member
 
     def _retire_one(self) -> None:
@@ -271,40 +268,30 @@ class Pool:
         means = self.payoff([kept.number for kept in snapshots]).mean(1)
         return snapshots[int(np.flatnonzero(means >= means.max() - 1e-12)[-1])]
 
-    # --- on disk -----------------------------------------------------------------------------
+    # --- saved with the run ------------------------------------------------------------------
 
-    def save_index(self) -> None:
-        """Write the index `pool.json` atomically."""
-        path = self._index_folder / INDEX_FILE
-        write_json(path, {"format_version": _FORMAT_VERSION, **self._index()})
-
-    def _index(self) -> dict[str, Any]:
-        """All snapshots as plain data; the caller adds bots and foreign agents again."""
+    def state_dict(self) -> dict[str, Any]:
+        """All snapshots, and the states of all agents in play, as plain data. The caller adds bots
+        and foreign agents again.
+        """
         rows = [dict(vars(one)) for one in self._members.values() if one.kind == SNAPSHOT]
         for row in rows:
             del row["kind"]
             row["met"] = {str(number): list(kept) for number, kept in row["met"].items()}
-        return {"snapshots": rows}
+        states = {number: agent.state_dict() for number, agent in self._agents.items()}
+        return {"snapshots": rows, "agents": {**states, **self._unread}}
 
-    def reopen(self) -> None:
-        """Replace the snapshots by those in the index on disk, if there is one. Raises
-        CheckpointError if the index cannot be read.
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore `state_dict`. Raises KeyError if a bot or foreign agent is missing, ValueError
+        for a snapshot's entry that cannot be.
         """
-        path = self._index_folder / INDEX_FILE
-        if not path.is_file():
-            return
-        try:
-            record = read_json(path, INDEX)
-            if record["format_version"] != _FORMAT_VERSION:
-                raise ValueError(
-                    f"its format version is {record['format_version']}, this program reads "
-                    f"{_FORMAT_VERSION}"
-                )
-            self._take_index(record)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise CheckpointError(f"{path} cannot be read as a pool's index: {error!r}") from error
+        saved = dict(state["agents"])
+        for number in [number for number in saved if not self.is_snapshot(number)]:
+            self._agents[number].load_state_dict(saved.pop(number))
+        self._take_snapshots(state["snapshots"])
+        self._unread = saved  # a snapshot is loaded when it plays
 
-    def _take_index(self, record: Mapping[str, Any]) -> None:
+    def _take_snapshots(self, rows: Sequence[Mapping[str, Any]]) -> None:
         others = {n: kept for n, kept in self._members.items() if kept.kind != SNAPSHOT}
         snapshots = {
             saved["number"]: Member(
@@ -318,28 +305,13 @@ class Pool:
                 str(saved.get("owner", "")),
                 str(saved.get("role", "")),
             )
-            for saved in record["snapshots"]
+            for saved in rows
         }
         self._members, self._unread = others | snapshots, {}
         self._agents = {n: agent for n, agent in self._agents.items() if n in others}
         for member in snapshots.values():
             if self.seat is None or member.owner == self.seat.owner:  # others may be writing
                 recover_folder(self.folder / member.name)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The index, and the states of all agents in play, as plain data."""
-        states = {number: agent.state_dict() for number, agent in self._agents.items()}
-        return {"index": self._index(), "agents": {**states, **self._unread}}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restore `state_dict`; the index on disk does not change until `save_index`. Raises
-        KeyError if a bot or foreign agent is missing.
-        """
-        saved = dict(state["agents"])
-        for number in [number for number in saved if not self.is_snapshot(number)]:
-            self._agents[number].load_state_dict(saved.pop(number))
-        self._take_index(state["index"])
-        self._unread = saved  # a snapshot is loaded when it plays
 
 
 def choose_retired(frames: Sequence[int], needed: Collection[int] = ()) -> int:

@@ -369,8 +369,6 @@ class TrainingRun:
         self.generator_failures = read_number(state, "generator_failures", COUNT)
         self.learner.load_state_dict(state["learner"])
         self.book.load_state_dict(state["book"])
-        # Snapshots from after this state was saved do not count.
-        self.book.pool.save_index()
         self.router.import_state(state["router"])
         if self.game.has_snapshots:  # the running games, else given up
             self.statistics.import_state(state["statistics"])

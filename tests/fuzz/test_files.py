@@ -234,12 +234,3 @@ def test_damaged_states_end_in_public_errors(stored, tmp_path):
         shutil.rmtree(state)
         shutil.copytree(kept, state)
         number += 1
-
-
-def test_pool_and_best_score(stored):
-    _, run = stored
-    for number in range(100):
-        rng = random.Random(f"{SEED} pool {number}")  # no secrets
-        run.book.pool.save_index()
-        path = damage(run.folder / "snapshots", ["pool.json"], rng)
-        check(lambda _: run.book.pool.reopen(), path, f"FUZZ_SEED={SEED}, pool {number}")

@@ -181,7 +181,6 @@ class OpponentBook:
             return
         new = [player for player in self.seat.find_new_players() if self.pool.adopt(player)]
         if new:
-            self.pool.save_index()
             self._drawn_for = (-1, -1)
 
     def publish(self, network: QNetwork, about: AgentDescription) -> None:

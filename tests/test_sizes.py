@@ -15,7 +15,7 @@ MAX_LINES = {
     "self_play": 1_035,
     "league": 8_070,
     "training": 7_440,
-    "experiments": 1_635,
+    "experiments": 1_640,
     "viewer": 725,
     "window": 2_445,
     "browser": 950,

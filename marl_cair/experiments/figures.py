@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from marl_cair.experiments.plan import Plan
-from marl_cair.experiments.summary import SCORE, Entry, Run, trim
+from marl_cair.experiments.summary import SCORE, START, Entry, Run, trim
 from marl_cair.files import atomic_path
 from marl_cair.training.curves import COLOURS, STYLES
 from marl_cair.training.run_log import read_log
@@ -102,6 +102,8 @@ def _draw_ends(panel: Any, entries: Sequence[Entry], kinds: Sequence[Kind], plan
         if np.isfinite(one.low):
             panel.plot([one.low, one.high], [place, place], color=style["color"], linewidth=2)
         panel.plot(one.value, place, "o", color=style["color"])
+        if START in entry.values:
+            panel.plot(entry.values[START].value, place, "|", color=style["color"], label=START)
         known = plan.tasks[entry.task].published
         for score in (known[choice] for choice in entry.kind if choice in known):
             panel.plot(score, place, "D", color="0.35", markerfacecolor="none", label=plan.source)

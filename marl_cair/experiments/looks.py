@@ -84,7 +84,7 @@ class Looks:
     def is_due(self, frames: int, seconds: float) -> bool:
         """Whether an interval is over since the last look, or none was made yet."""
         every = self.cell.looks
-        return every.is_given and every.count(frames, seconds) >= self._last + 1
+        return not self.rows or (every.is_given and every.count(frames, seconds) >= self._last + 1)
 
     @property
     def last_frames(self) -> float:

@@ -106,7 +106,7 @@ class Plan:
     others: dict[str, str] = field(default_factory=dict)  # module:function that trains, by name
     seeds: tuple[int, ...] = (0, 1, 2)  # of training and of the games in looks
     budget: Length = field(default_factory=Length)  # of each cell's training
-    looks: Length = field(default_factory=Length)  # between two; null: a single one, at the end
+    looks: Length = field(default_factory=Length)  # between two; null: at start and end alone
     games_per_pair: Natural = 0  # even; of a league of all agents in each task; 0: no league
     source: str = "published"  # of the tasks' published scores, in the table
 

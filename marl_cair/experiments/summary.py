@@ -19,6 +19,7 @@ _LAST_PART = 1 / 3  # of the time or the steps: strength is the mean over it
 _PLACES = 20  # in that part, between looks
 SCORE, NORMALISED = "score", "normalised"
 EQUAL_TIME, EQUAL_STEPS = "at equal time", "at equal steps"
+START = "at the start"  # before the first step: what the network's first weights are worth
 
 
 class Run(NamedTuple):
@@ -111,6 +112,8 @@ def _list_columns(
     strength = np.array([row["mean"] for row in last])
     yield "steps", np.array([row["frames"] for row in last])
     yield "seconds", np.array([row["seconds"] for row in last])
+    if all(len(run.rows) > 1 and not run.rows[0]["frames"] for run in runs):
+        yield START, np.array([run.rows[0]["score"] for run in runs])
     yield SCORE, score
     if plan.looks.is_given and all(len(run.rows) > 1 for run in runs):
         for column, axis in ((EQUAL_TIME, "seconds"), (EQUAL_STEPS, "frames")):

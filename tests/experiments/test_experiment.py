@@ -106,8 +106,8 @@ def test_a_cell_without_looks_is_rated_at_its_end_by_its_best_agent(tmp_path):
     rating = {"games": 4, "agent": "best"}
     folder = prepare(tmp_path, words=words, tasks=change_task(rating=rating), looks={})
     assert run_here(folder)
-    (row,) = read_looks(folder / LOOKS_FILE)
-    assert row["frames"] == "512"
+    first, last = read_looks(folder / LOOKS_FILE)
+    assert (first["frames"], last["frames"]) == ("0", "512")
 
 
 def test_a_cell_that_ended_before_its_first_evaluation_has_no_best_agent(tmp_path):

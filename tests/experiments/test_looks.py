@@ -73,9 +73,10 @@ def test_a_look_is_due_once_for_each_interval(cell, tmp_path):
     assert looks.rows[-1]["look"] == 4
 
 
-def test_without_intervals_no_look_is_due(cell, tmp_path):
+def test_without_intervals_a_look_is_due_at_the_start_alone(cell, tmp_path):
     looks = Looks(dataclasses.replace(cell, looks=Length()), tmp_path)
-    assert not looks.is_due(0, 0.0)
+    assert looks.is_due(0, 0.0)
+    looks.add(make_bot("oracle", cell), 0, 0.0)
     assert not looks.is_due(10**6, 10.0**6)
 
 

@@ -41,6 +41,7 @@ def test_runs_are_compared_at_equal_time_and_equal_steps():
     assert second.values["at equal steps"].value == pytest.approx(0.75)
     assert first.values["at equal steps"].value == pytest.approx(0.75, abs=0.02)
     assert first.values["normalised"].value == pytest.approx(1.0)
+    assert first.values["at the start"].value == 0.0
 
 
 def test_an_agent_of_the_plan_is_the_end_of_a_scale():
@@ -49,6 +50,7 @@ def test_an_agent_of_the_plan_is_the_end_of_a_scale():
     trained = Run("maze", ("dqn",), 0, [{"seconds": 3.0, "frames": 9.0} | scores(0.7)])
     found = summarise(plan, [trained, oracle])
     assert [entry.values["normalised"].value for entry in found] == pytest.approx([0.5, 1.0])
+    assert "at the start" not in found[0].values
     assert "normalised" not in summarise(plan, [trained])[0].values  # not rated yet
 
 

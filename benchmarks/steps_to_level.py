@@ -5,8 +5,9 @@ python -m benchmarks.steps_to_level LOOKS.csv [MORE.csv ...] --factor data
 Strength and level are those of the tables of `marl-cair experiment`: the mean score over the last
 third of the steps, and the first of two looks in a row. The level of a task is `--share` of the
 strength of its best control (a mean over seeds); a run that never has it counts with all its steps.
-Prints strength, steps, and their ratio to the best control's in Markdown, with 95 % bootstrap
-intervals over seeds. The figure is that of the experiment, of the runs in the files.
+Prints strength, the mean score over all steps (the area under the curve: it separates choices with
+fewer seeds than the steps to a level do), steps, and ratios to the best control's in Markdown, with
+95 % bootstrap intervals over seeds. The figure is that of the experiment, of the runs in the files.
 """
 
 import argparse
@@ -49,6 +50,12 @@ def rate_strength(run: Run) -> float:
     return find_strength(run.rows, "frames", run.rows[-1]["frames"])
 
 
+def rate_course(run: Run) -> float:
+    """Mean score over all of the run's steps, straight between looks."""
+    steps, scores = [row["frames"] for row in run.rows], [row["mean"] for row in run.rows]
+    return float(np.trapezoid(scores, steps)) / steps[-1]
+
+
 def with_interval(values: list[float], others: list[float] | None = None, form: str = ".3g") -> str:
     """The mean, or its ratio to the mean of `others`, with a 95 % interval."""
 
@@ -78,13 +85,14 @@ def main() -> None:
     if args.figure:
         runs = [run for choices in tasks.values() for own in choices.values() for run in own]
         draw_results(read_plan(args.plan), runs, [], args.figure)
-    print("| task | choice | seeds | strength | steps | ratio | never |")
-    print("|---|---|---|---|---|---|---|")
+    print("| task | choice | seeds | strength | course | its ratio | steps | ratio | never |")
+    print("|---|---|---|---|---|---|---|---|---|")
     for task, choices in tasks.items():
         strengths = {name: [*map(rate_strength, runs)] for name, runs in choices.items()}
         controls = [name for name in args.controls if name in strengths]
         best = max(controls, key=lambda name: np.mean(strengths[name]))
         level = args.share * np.mean(strengths[best])
+        courses = {name: [*map(rate_course, runs)] for name, runs in choices.items()}
         steps, never = {}, {}
         for name, runs in choices.items():
             reached = [(find_level(run, level).first, run.rows[-1]) for run in runs]
@@ -92,9 +100,10 @@ def main() -> None:
             never[name] = sum(first is None for first, _ in reached)
         for name, own in steps.items():
             ratio = "1 (control)" if name == best else with_interval(own, steps[best])
-            shown = with_interval(strengths[name]), with_interval(own, form=",.0f")
-            cells = task, name, str(len(own)), *shown, ratio, str(never[name])
-            print("| " + " | ".join(cells) + " |")
+            course = "1" if name == best else with_interval(courses[name], courses[best])
+            shown = with_interval(strengths[name]), with_interval(courses[name]), course
+            cells = task, name, str(len(own)), *shown, with_interval(own, form=",.0f"), ratio
+            print("| " + " | ".join((*cells, str(never[name]))) + " |")
 
 
 if __name__ == "__main__":

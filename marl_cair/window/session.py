@@ -28,7 +28,7 @@ from marl_cair.window.statistics import name_game, save_statistics
 # act in every tick. The game is the same: an agent's step is an order and some ticks without one.
 TICK_BY_TICK = ("deep_line_wars", "deep_rts")
 # Games of which all persons use the keyboard at once. In others they pass keyboard and mouse on.
-AT_ONCE = ("deep_maze", "flappy_bird")
+AT_ONCE = ("deep_maze", "flappy_bird", "flash")
 
 
 @dataclass(frozen=True)

@@ -185,6 +185,9 @@ class Window:
             self.surface = pygame.display.get_surface() or self.surface
         elif event.type == pygame.KEYDOWN:
             self.press(event.key, getattr(event, "mod", 0))
+        elif event.type == pygame.KEYUP:
+            for control in self.list_active():
+                control.release(event.key)
         elif event.type == pygame.MOUSEMOTION:
             self.pointer = event.pos
             if event.buttons[1]:
@@ -203,7 +206,8 @@ class Window:
             self.camera.scroll(columns * SCROLL_PIXELS, rows * SCROLL_PIXELS)
             return
         hotkey = find_hotkey(key)
-        if hotkey is not None:
+        is_claimed = any(control.claims(key) for control in self.list_active())
+        if hotkey is not None and (mod & pygame.KMOD_CTRL or not is_claimed):
             hotkey.run(self)
             return
         for control in self.list_active():

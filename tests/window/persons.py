@@ -39,7 +39,15 @@ class Person:
 
     def press(self, *keys, mod=0):
         for key in keys:
+            self.hold(key, mod=mod)
+            self.release(key, mod=mod)
+
+    def hold(self, *keys, mod=0):
+        for key in keys:
             self.window.handle(pygame.event.Event(pygame.KEYDOWN, key=key, mod=mod))
+
+    def release(self, *keys, mod=0):
+        for key in keys:
             self.window.handle(pygame.event.Event(pygame.KEYUP, key=key, mod=mod))
 
     def find_pixel(self, row, column):

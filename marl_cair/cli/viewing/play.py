@@ -32,10 +32,6 @@ def run(arguments: Sequence[str]) -> int:
         return browser_play.run(arguments)
     options = make_parser().parse_args(arguments)
     game = find_by_name("game", options.game_name, GAMES)
-    if not game.has_snapshots:
-        raise ValueError(
-            f"{game.name} runs in a browser and has a window of its own: marl-cair flash play NAME"
-        )
     options.game = game.name
     return show_games(options, options.opponent, options.humans)
 

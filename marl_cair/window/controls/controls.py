@@ -59,9 +59,16 @@ class Controls:
         """Whether an order waits to be carried out."""
         return bool(self.orders)
 
+    def claims(self, key: int) -> bool:
+        """Whether a key is the game's even where the window has a hotkey of it."""
+        return False
+
     def press(self, key: int, moment: Moment) -> bool:
         """A key was pressed; False if it means nothing here."""
         return False
+
+    def release(self, key: int) -> None:
+        """A key was released."""
 
     def click(self, cell: Cell, button: int, moment: Moment) -> None:
         """A cell of the board was clicked."""

@@ -8,6 +8,7 @@ import pygame
 
 from marl_cair.window.boards import Board
 from marl_cair.window.controls.controls import Controls, KeyControls, find_action
+from marl_cair.window.controls.held_keys import HeldKeys
 from marl_cair.window.controls.line_wars import LineWarsControls
 from marl_cair.window.controls.rts import CLASSIC_KEYS, RtsControls
 from marl_cair.window.session import Session
@@ -37,6 +38,8 @@ def _make(session: Session, seat: int, person: int, board: Board | None) -> Cont
         return LineWarsControls(session, seat, board)
     if game == "deep_rts" and board is not None and session.scenario.actions != "classic":
         return RtsControls(session, seat, board)
+    if game == "flash" and session.scenario.actions == "keys":
+        return HeldKeys(session, seat)
     return KeyControls(session, seat, _choose_keys(session, person))
 
 

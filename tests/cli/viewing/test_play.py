@@ -13,6 +13,7 @@ from marl_cair.cli.viewing.play import make_parser, make_session, name_statistic
 from marl_cair.cli.viewing.watch import make_parser as make_watch_parser
 from marl_cair.games.replays import read_replay
 from marl_cair.window.session import View
+from tests.games.flash.browser.flash_files import need_flash
 
 
 def refused(capsys, *words):
@@ -73,8 +74,15 @@ def test_statistics_are_saved_by_default(words, name):
     assert path.as_posix().startswith(name)
 
 
-def test_flash_games_have_a_command_of_their_own(capsys):
-    assert "marl-cair flash play NAME" in refused(capsys, "play", "flash")
+def test_watch_films_a_flash_game(tmp_path, capsys):
+    need_flash()
+    film, words = tmp_path / "duel.gif", ("--game", "flash", "--scenario", "duel", "--every", "20")
+    limits = ("--set", "max_ticks=120", "--folder", str(tmp_path))
+    assert main(["watch", "agents/flash_duel", "duelist", *words, *limits, "--to", str(film)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("0 flash_duel, 1 duelist: out of time after 60 steps")
+    with Image.open(film) as image:
+        assert image.n_frames == 4  # at the start, after 20, 40 and 60 steps
 
 
 def test_an_unknown_game_is_named_with_its_nearest(capsys):

@@ -193,7 +193,7 @@ class Window:
             if event.buttons[1]:
                 self.camera.scroll(-event.rel[0], -event.rel[1])
         elif event.type == pygame.MOUSEWHEEL:
-            self.camera.change_zoom(event.y, *(self.pointer or self.camera.area[:2]))
+            self.scene.roll_wheel(event.y)
         elif event.type == pygame.MOUSEBUTTONDOWN:
             self._mouse_down(event.pos, event.button)
         elif event.type == pygame.MOUSEBUTTONUP:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 Cell = tuple[int, int]  # row and column of the own view
+Point = tuple[float, float]  # too, within a cell: 2.5 is the middle of row 2
 
 
 @dataclass(frozen=True)
@@ -18,18 +19,28 @@ class Board:
     top: float
     left: float
 
-    def find_cell(self, x: float, y: float) -> Cell | None:
-        """The cell at a pixel of the picture; None beside the board."""
-        row, column = int((y - self.top) // self.tile), int((x - self.left) // self.tile)
+    def find_point(self, x: float, y: float) -> Point | None:
+        """The point of the board at a pixel of the picture; None beside the board."""
+        row, column = (y - self.top) / self.tile, (x - self.left) / self.tile
         return (row, column) if self.contains(row, column) else None
 
-    def contains(self, row: int, column: int) -> bool:
-        """Whether there is such a cell."""
+    def contains(self, row: float, column: float) -> bool:
+        """Whether there is such a cell or point."""
         return 0 <= row < self.rows and 0 <= column < self.columns
 
     def find_box(self, row: float, column: float) -> tuple[float, float]:
         """Left and top of a cell in the picture."""
         return self.left + column * self.tile, self.top + row * self.tile
+
+
+def find_cell(point: Point) -> Cell:
+    """The cell of a point."""
+    return int(point[0]), int(point[1])
+
+
+def find_middle(cell: Cell) -> Point:
+    """The point in the middle of a cell."""
+    return cell[0] + 0.5, cell[1] + 0.5
 
 
 def find_board(game: str, scenario: Any, rules: Any, height: int, width: int) -> Board | None:

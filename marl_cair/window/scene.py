@@ -161,14 +161,15 @@ class Scene:
     def _place(self, point: tuple[float, float]) -> tuple[int, int]:
         left, top = self.window.camera.corner()
         scale = self.window.camera.scale
-        return left + math.floor(point[0]) * scale, top + math.floor(point[1]) * scale
+        x, y = (math.floor(number + 1e-6) for number in point)  # 6.9999999 is meant as 7
+        return left + x * scale, top + y * scale
 
     def _line(self, first: tuple[float, float], last: tuple[float, float]) -> None:
         pygame.draw.line(self.window.surface, colours.TRACK, self._place(first), self._place(last))
 
     def _frame(self, board: Any, mark: Mark) -> None:
-        left, top = self._place(board.find_box(*mark.cell))
-        row, column = mark.cell[0] + mark.size, mark.cell[1] + mark.size
+        left, top = self._place(board.find_box(*mark.corner))
+        row, column = mark.corner[0] + mark.size, mark.corner[1] + mark.size
         right, bottom = self._place(board.find_box(row, column))
         box = pygame.Rect(left, top, right - left, bottom - top)
         pygame.draw.rect(self.window.surface, colours.BACKGROUND, box.inflate(2, 2), 1)

@@ -4,10 +4,12 @@ import numpy as np
 import pygame
 import pytest
 
+from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.deep_maze import state as maze
 from marl_cair.games.deep_maze.tables import COLUMN_STEP, ROW_STEP
 from marl_cair.games.deep_rts import state as rts
 from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.art.scene import piece_of, scene_of
 from marl_cair.window.session import View
 from tests.games import last_standing
 from tests.window.persons import Person, make_window
@@ -131,6 +133,41 @@ def find_tile(window, kind):
     places = control.rules.own_place[frame, cells]
     base = control.find_start(window.moment)
     return places[np.abs(places - base).sum(1).argmin()].tolist()
+
+
+@compiled_compact
+def read_corners(worlds, rules, viewer, tile, top, left, out):
+    """Top and left, in the picture, of every unit on the board, int64 [U, 2]."""
+    scene = scene_of(worlds, rules, 0, viewer, tile, top, left)
+    for unit in range(len(out)):
+        if scene.units[unit, rts.UNIT_KIND] != t.NO_KIND:
+            piece = piece_of(scene, unit)
+            out[unit, 0], out[unit, 1] = piece.top, piece.left
+
+
+def test_rts_units_are_marked_and_picked_where_they_are_drawn():
+    """The picture's own pieces are the reference; blows and blows at trees shift them a little."""
+    window = make_window("deep_rts", "1v1-15x15", ("random", None))
+    person, control, board = Person(window), window.controls[0], window.find_board()
+    rules, side = control.rules, int(board.tile)
+    corners, shifts = np.zeros((len(window.moment.world.units[0]), 2), np.int64), []
+    for step in range(160):
+        if step % 40 == 0:  # to corners, so that all directions are walked
+            person.press(pygame.K_u)
+            person.click_cell(*[(0, 14), (14, 14), (14, 0), (7, 7)][step // 40], button=3)
+        person.wait()
+        world = window.moment.world
+        read_corners(world, rules, 1, side, int(board.top), int(board.left), corners)
+        for unit in control.list_units(window.moment):
+            top, left = corners[unit.slot]
+            away = np.abs(np.subtract(board.find_box(*unit.corner), (left, top))).max()
+            is_walking = world.units[0, unit.slot, rts.UNIT_STATE] == rts.WALKING
+            assert away < 1e-6 if is_walking else away <= side // 6
+            if max(map(abs, unit.ahead)) > 0.7:
+                shifts.append(unit.ahead)
+                middle = board.find_point(left + side // 2, top + side // 2)
+                assert control.find_unit(middle, window.moment) == unit
+    assert len({tuple(np.sign(shift)) for shift in shifts}) > 3
 
 
 @pytest.mark.parametrize("actions", ["unit", "grid"])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import pygame
 
-from marl_cair.window.boards import Board, Cell
+from marl_cair.window.boards import Board, Cell, Point, find_middle
 from marl_cair.window.session import Moment, Session
 
 LEFT, RIGHT = 1, 3  # mouse buttons, as pygame counts them
@@ -32,9 +32,9 @@ class Button(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A frame around cells of the own view."""
+    """A frame around cells of the own view, or between them."""
 
-    cell: Cell
+    corner: Point
     colour: str
     size: int = 1  # cells along a side
 
@@ -70,12 +70,12 @@ class Controls:
     def release(self, key: int) -> None:
         """A key was released."""
 
-    def click(self, cell: Cell, button: int, moment: Moment) -> None:
-        """A cell of the board was clicked."""
+    def click(self, point: Point, button: int, moment: Moment) -> None:
+        """A point of the board was clicked."""
 
     def drag(self, first: Cell, last: Cell, moment: Moment) -> None:
         """A box of cells was drawn with the left button."""
-        self.click(last, LEFT, moment)
+        self.click(find_middle(last), LEFT, moment)
 
     def choose(self, moment: Moment) -> Any:
         """The next order as an action of the game that is legal at `moment`; None for none."""
@@ -147,7 +147,8 @@ class BoardControls(Controls):
         elif key in (pygame.K_RETURN, pygame.K_SPACE):
             if self.frame == NO_PLACE:
                 self.frame = self.find_start(moment)
-            self.click(self.frame, LEFT if key == pygame.K_RETURN else RIGHT, moment)
+            button = LEFT if key == pygame.K_RETURN else RIGHT
+            self.click(find_middle(self.frame), button, moment)
         else:
             return False
         return True

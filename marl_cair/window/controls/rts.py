@@ -335,7 +335,8 @@ class RtsControls(BoardControls):
         return [*buttons, Button(key, label, "", True)]
 
     def list_marks(self, moment: Moment) -> list[Mark]:
-        marks = []
-        for unit in self.list_selected(moment):
-            marks.append(Mark(unit.corner, SELECTED_COLOUR, 2 * unit.half + 1))
+        marks = [
+            Mark(unit.corner, SELECTED_COLOUR, 2 * unit.half + 1)
+            for unit in self.list_selected(moment)
+        ]
         return marks + super().list_marks(moment)

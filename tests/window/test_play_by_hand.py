@@ -12,7 +12,7 @@ from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.art.scene import piece_of, scene_of
 from marl_cair.window.session import View
 from tests.games import last_standing
-from tests.window.persons import Person, make_window
+from tests.window.persons import Person, make_window, win_line_wars, win_skirmish
 
 MAZE_KEYS = (pygame.K_DOWN, pygame.K_UP, pygame.K_LEFT, pygame.K_RIGHT)
 
@@ -22,16 +22,8 @@ def test_line_wars_is_won_by_mouse_and_keys():
     person = Person(window)
     person.wait(20)
     assert window.moment.step == 0  # the game begins with the person's first order
-    for row in (1, 4, 6, 8):
-        person.press(pygame.K_5)
-        person.click_cell(row, 3)
-        person.wait()
-        person.click_cell(row, 3, button=3)  # no tower is chosen any more
+    win_line_wars(person)
     assert window.moment.world.num_towers[0, 0] == 4
-    while not window.moment.is_over:
-        if window.moment.numbers.resources["gold"][0] >= 100:
-            person.press(pygame.K_4)
-        person.wait(10)
     assert window.moment.winner == 0
     assert window.message == "you have won. N: next game, Esc: quit"
 
@@ -216,6 +208,14 @@ def test_rts_soldiers_advance_after_a():
     person.wait(2 * num_soldiers + 2)
     names = [window.session.spec.action_names[one[0]] for one in window.session.history.actions]
     assert names.count(f"advance_r{goal[0]}_c{goal[1]}") >= num_soldiers - 1  # one may be there
+
+
+def test_an_rts_battle_is_won_by_mouse_and_keys():
+    window = make_window("deep_rts", "Skirmish-15x15", (None, "random"))
+    win_skirmish(Person(window))
+    assert window.moment.winner == 0
+    assert window.session.kills[0] == 8
+    assert window.session.engine.illegal_actions[0, 0] == 0
 
 
 def test_the_classic_orders_of_rts_have_keys():

@@ -21,7 +21,7 @@ MAX_LINES = {
     "browser": 950,
     "dashboard": 305,
     "conf": 10,
-    "cli": 4_290,
+    "cli": 4_320,
     "": 1_940,  # the modules that every part may import
 }
 

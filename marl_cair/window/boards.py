@@ -11,17 +11,26 @@ Point = tuple[float, float]  # too, within a cell: 2.5 is the middle of row 2
 
 @dataclass(frozen=True)
 class Board:
-    """Cells of `tile` pixels of the picture, the first at (`left`, `top`)."""
+    """Cells of `tile` pixels of the picture, the first at (`left`, `top`).
+
+    height: of a cell, where it is no square.
+    """
 
     rows: int
     columns: int
     tile: float
     top: float
     left: float
+    height: float = 0.0
+
+    @property
+    def row_pixels(self) -> float:
+        """Pixels from one row to the next."""
+        return self.height or self.tile
 
     def find_point(self, x: float, y: float) -> Point | None:
         """The point of the board at a pixel of the picture; None beside the board."""
-        row, column = (y - self.top) / self.tile, (x - self.left) / self.tile
+        row, column = (y - self.top) / self.row_pixels, (x - self.left) / self.tile
         return (row, column) if self.contains(row, column) else None
 
     def contains(self, row: float, column: float) -> bool:
@@ -30,7 +39,7 @@ class Board:
 
     def find_box(self, row: float, column: float) -> tuple[float, float]:
         """Left and top of a cell in the picture."""
-        return self.left + column * self.tile, self.top + row * self.tile
+        return self.left + column * self.tile, self.top + row * self.row_pixels
 
 
 def find_cell(point: Point) -> Cell:
@@ -68,4 +77,10 @@ def find_board(game: str, scenario: Any, rules: Any, height: int, width: int) ->
             for count in (scenario.rows, scenario.columns)
         )
         return Board(scenario.rows, scenario.columns, tile, top, left)
+    if game == "flash" and scenario.actions == "mouse":
+        from marl_cair.games.flash.description import find_description
+
+        columns, rows = find_description(scenario.description).mouse_grid
+        if columns:
+            return Board(rows, columns, width / columns, 0.0, 0.0, height / rows)
     return None

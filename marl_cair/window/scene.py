@@ -120,7 +120,7 @@ class Scene:
         if board is not None:
             scale = window.camera.scale
             left, top = board.left * scale, board.top * scale
-            columns, rows = board.columns * board.tile, board.rows * board.tile
+            columns, rows = board.columns * board.tile, board.rows * board.row_pixels
             size = max(1, round(columns * scale)), max(1, round(rows * scale))
         strongest = presence.max(0)
         strongest = (strongest - strongest.min()) / max(1e-6, float(np.ptp(strongest)))

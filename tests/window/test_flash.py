@@ -97,6 +97,25 @@ def test_keys_of_a_game_go_before_hotkeys(tmp_path):
     window.shut_down()
 
 
+def test_a_game_of_clicks_is_played_by_mouse(tmp_path):
+    need_flash()
+    text = (FOLDER / "multitask.toml").read_text("utf-8")
+    text = text.replace('start = ["enter"]', "start = [30]\nmouse_grid = [8, 5]")
+    (tmp_path / "own.toml").write_text(text, "utf-8")
+    (tmp_path / "multitask.swf").write_bytes((FOLDER / "multitask.swf").read_bytes())
+    described = str(tmp_path / "own.toml")
+    window = make_window("flash", "multitask", description=described, actions="mouse")
+    person, menu = Person(window), window.moment.picture
+    person.wait(3)
+    assert window.moment.step == 0
+    person.click((window.camera.corner()[0] + 240, window.camera.corner()[1] + 190))  # PLAY
+    person.wait(2)
+    assert list_actions(window) == ["click 4 2", "noop"]
+    assert window.moment.numbers.scoreboard["score"][0] > 0  # the game has begun
+    assert (window.moment.picture != menu).mean() > 0.2
+    window.shut_down()
+
+
 def test_duel_is_played_against_the_agent_with_recording_and_statistics(tmp_path, monkeypatch):
     need_flash()
     pygame.display.init()

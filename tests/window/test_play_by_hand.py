@@ -210,6 +210,21 @@ def test_rts_soldiers_advance_after_a():
     assert names.count(f"advance_r{goal[0]}_c{goal[1]}") >= num_soldiers - 1  # one may be there
 
 
+def test_s_stops_a_unit_on_its_way():
+    window = make_window("deep_rts", "1v1-15x15", (None, "random"))
+    person, control = Person(window), window.controls[0]
+    person.press(pygame.K_u)
+    person.click_cell(7, 7, button=3)
+    person.wait(12)
+    (peasant,) = control.list_selected(window.moment)
+    assert window.moment.world.units[0, peasant.slot, rts.UNIT_ORDER] == rts.MOVE
+    person.press(pygame.K_s)
+    person.wait(30)
+    (peasant,) = control.list_selected(window.moment)
+    assert peasant.is_idle
+    assert (peasant.row, peasant.column) != (7, 7)
+
+
 def test_an_rts_battle_is_won_by_mouse_and_keys():
     window = make_window("deep_rts", "Skirmish-15x15", (None, "random"))
     win_skirmish(Person(window))

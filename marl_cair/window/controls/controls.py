@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import pygame
 
-from marl_cair.window.boards import Board, Cell, Point, find_middle
+from marl_cair.window.boards import Board, Cell, Point, find_cell, find_middle
 from marl_cair.window.session import Moment, Session
 
 LEFT, RIGHT = 1, 3  # mouse buttons, as pygame counts them
@@ -167,6 +167,20 @@ class BoardControls(Controls):
 
     def list_marks(self, moment: Moment) -> list[Mark]:
         return [] if self.frame == NO_PLACE else [Mark(self.frame, "#5efcf2")]
+
+
+class ClickControls(BoardControls):
+    """Games whose actions are clicks in a grid."""
+
+    lines: Sequence[tuple[str, str]] = (
+        ("left click", "click there"),
+        *BoardControls.lines[:2],
+    )
+
+    def click(self, point: Point, button: int, moment: Moment) -> None:
+        row, column = find_cell(point)
+        if button == LEFT:
+            self.orders.append(find_action(self.spec, f"click {column} {row}"))
 
 
 def find_action(spec: Any, name: str) -> int:

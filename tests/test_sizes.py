@@ -17,7 +17,7 @@ MAX_LINES = {
     "training": 7_440,
     "experiments": 1_635,
     "viewer": 725,
-    "window": 2_650,
+    "window": 2_675,
     "browser": 950,
     "dashboard": 305,
     "conf": 10,

@@ -17,11 +17,11 @@ MAX_LINES = {
     "training": 7_440,
     "experiments": 1_640,
     "viewer": 725,
-    "window": 2_445,
+    "window": 2_675,
     "browser": 950,
     "dashboard": 305,
     "conf": 10,
-    "cli": 4_290,
+    "cli": 4_320,
     "": 1_940,  # the modules that every part may import
 }
 

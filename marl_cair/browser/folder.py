@@ -82,7 +82,7 @@ def check_playable(game: Game, scenario: Any) -> None:
     if not game.has_snapshots:
         raise ValueError(
             f"{game.name} runs outside of its rules and cannot be compiled for a browser: "
-            "see 'marl-cair flash play'"
+            "'marl-cair play flash' shows it in a window"
         )
     spec = game.make_spec(scenario)
     if spec.action_shape:

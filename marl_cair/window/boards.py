@@ -6,30 +6,50 @@ from dataclasses import dataclass
 from typing import Any
 
 Cell = tuple[int, int]  # row and column of the own view
+Point = tuple[float, float]  # too, within a cell: 2.5 is the middle of row 2
 
 
 @dataclass(frozen=True)
 class Board:
-    """Cells of `tile` pixels of the picture, the first at (`left`, `top`)."""
+    """Cells of `tile` pixels of the picture, the first at (`left`, `top`).
+
+    height: of a cell, where it is no square.
+    """
 
     rows: int
     columns: int
     tile: float
     top: float
     left: float
+    height: float = 0.0
 
-    def find_cell(self, x: float, y: float) -> Cell | None:
-        """The cell at a pixel of the picture; None beside the board."""
-        row, column = int((y - self.top) // self.tile), int((x - self.left) // self.tile)
+    @property
+    def row_pixels(self) -> float:
+        """Pixels from one row to the next."""
+        return self.height or self.tile
+
+    def find_point(self, x: float, y: float) -> Point | None:
+        """The point of the board at a pixel of the picture; None beside the board."""
+        row, column = (y - self.top) / self.row_pixels, (x - self.left) / self.tile
         return (row, column) if self.contains(row, column) else None
 
-    def contains(self, row: int, column: int) -> bool:
-        """Whether there is such a cell."""
+    def contains(self, row: float, column: float) -> bool:
+        """Whether there is such a cell or point."""
         return 0 <= row < self.rows and 0 <= column < self.columns
 
     def find_box(self, row: float, column: float) -> tuple[float, float]:
         """Left and top of a cell in the picture."""
-        return self.left + column * self.tile, self.top + row * self.tile
+        return self.left + column * self.tile, self.top + row * self.row_pixels
+
+
+def find_cell(point: Point) -> Cell:
+    """The cell of a point."""
+    return int(point[0]), int(point[1])
+
+
+def find_middle(cell: Cell) -> Point:
+    """The point in the middle of a cell."""
+    return cell[0] + 0.5, cell[1] + 0.5
 
 
 def find_board(game: str, scenario: Any, rules: Any, height: int, width: int) -> Board | None:
@@ -57,4 +77,10 @@ def find_board(game: str, scenario: Any, rules: Any, height: int, width: int) ->
             for count in (scenario.rows, scenario.columns)
         )
         return Board(scenario.rows, scenario.columns, tile, top, left)
+    if game == "flash" and scenario.actions == "mouse":
+        from marl_cair.games.flash.description import find_description
+
+        columns, rows = find_description(scenario.description).mouse_grid
+        if columns:
+            return Board(rows, columns, width / columns, 0.0, 0.0, height / rows)
     return None

@@ -40,6 +40,7 @@ def open_display(
             raise pygame.error(f"SDL found no display and took its driver {driver!r}")
         surface = pygame.display.set_mode(size, pygame.RESIZABLE if is_resizable else 0)
     except pygame.error as error:
+        pygame.display.quit()
         raise ValueError(
             f"no window can be opened ({error}): play on a machine with a display, connect with "
             f"`ssh -X`, or {instead}"

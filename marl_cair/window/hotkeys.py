@@ -141,6 +141,8 @@ HOTKEYS = (
     Hotkey((pygame.K_o,), "O", "presence of the agent's capsules", toggle_presence),
     Hotkey((pygame.K_h,), "H", "grid lines", lambda w: toggle(w, "grid")),
     Hotkey((pygame.K_b,), "B", "panels", lambda w: toggle(w, "panels")),
+    Hotkey((pygame.K_END,), "End", "panels that do not fit (or the mouse wheel over them)",
+           lambda w: w.scene.turn_panels()),
     Hotkey((pygame.K_PAGEUP,), "Page up", "zoom in (or the mouse wheel)", lambda w: zoom(w, 1)),
     Hotkey((pygame.K_PAGEDOWN,), "Page down", "zoom out", lambda w: zoom(w, -1)),
     Hotkey((pygame.K_F5,), "F5", "save the replay so far", save_replay),

@@ -40,7 +40,7 @@ def read_numbers(
         scoreboard |= {name: count(engine, {}).astype(np.float64) for name, count in measures}
         return Numbers(resources, scoreboard, resources["health"], "health")
     scoreboard["return"] = returns.copy()
-    name = next(iter(scoreboard)) if engine.game.name == "flappy_bird" else "return"
+    name = next((name for name in ("score", "pipes passed") if name in scoreboard), "return")
     return Numbers(resources, scoreboard, scoreboard[name], name)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from marl_cair.window import colours
 from marl_cair.window.colours import Colour
-from marl_cair.window.pen import Pen
+from marl_cair.window.pen import MARGIN, Pen
 from marl_cair.window.session import Moment, Session
 
 MOST_BARS = 6
@@ -133,12 +133,13 @@ PANELS: tuple[Callable[[Pen, PanelState], None], ...] = (
 )
 
 
-def draw_panels(surface: Any, state: PanelState) -> None:
-    """Draw all panels on their part of the window."""
+def draw_panels(surface: Any, state: PanelState) -> int:
+    """Draw all panels, one below another; returns the height in pixels that they need."""
     surface.fill(colours.PANEL)
     pen = Pen(surface)
     for show in PANELS:
         show(pen, state)
+    return pen.y + MARGIN
 
 
 def format_number(value: float) -> str:

@@ -91,7 +91,7 @@ class Pen:
         self, label: str, shares: Sequence[float], number: str, inks: Sequence[Colour]
     ) -> None:
         """Bars of `shares` 0..1, one below another, beside a label and a number."""
-        left, right = MARGIN + 122, MARGIN + self.width - 60
+        left, right = MARGIN + 122, MARGIN + self.width - 70
         self.surface.blit(fit(label, 118, colours.INK, SMALL), (MARGIN, self.y))
         shown = write(number, colours.INK, SMALL)
         self.surface.blit(shown, (MARGIN + self.width - shown.get_width(), self.y))

@@ -21,7 +21,8 @@ from marl_cair.window.representations import GAP, count_across
 if TYPE_CHECKING:
     from marl_cair.window.window import Window
 
-PANEL_WIDTH = 344
+PANEL_WIDTH, SCROLLBAR = 344, 4
+WHEEL_LINES = 3  # of panels, for each notch of the mouse wheel
 BAR_HEIGHT, BUTTON_WIDTH = 58, 148
 MINIMAP_PIXELS = 150
 LEAST_WIDTH = 2 * PANEL_WIDTH  # narrower windows show no panels
@@ -35,7 +36,9 @@ class Scene:
         self.window = window
         self._picture: pygame.Surface | None = None
         self._scaled: pygame.Surface | None = None
-        self._panels: pygame.Surface | None = None
+        self._panels = pygame.Surface((PANEL_WIDTH, 1))
+        self._panels_height, self._panels_top = 0, 0  # what they need, and what is scrolled away
+        self._panels_box = pygame.Rect(0, 0, 0, 0)
         self._drawn: dict[str, Any] = {}  # from what each part was drawn
         self._buttons: list[tuple[Rect, Button]] = []
         self._minimap: Rect | None = None
@@ -59,8 +62,9 @@ class Scene:
         self._draw_minimap()
         surface.set_clip(None)
         self._draw_bar(wide, height)
+        self._panels_box = pygame.Rect(width - right, 0, right, height)
         if shows_panels:
-            self._draw_panels(width, height)
+            self._draw_panels()
         if window.shown["menu"]:
             self._draw_menu()
 
@@ -116,7 +120,7 @@ class Scene:
         if board is not None:
             scale = window.camera.scale
             left, top = board.left * scale, board.top * scale
-            columns, rows = board.columns * board.tile, board.rows * board.tile
+            columns, rows = board.columns * board.tile, board.rows * board.row_pixels
             size = max(1, round(columns * scale)), max(1, round(rows * scale))
         strongest = presence.max(0)
         strongest = (strongest - strongest.min()) / max(1e-6, float(np.ptp(strongest)))
@@ -157,14 +161,15 @@ class Scene:
     def _place(self, point: tuple[float, float]) -> tuple[int, int]:
         left, top = self.window.camera.corner()
         scale = self.window.camera.scale
-        return left + math.floor(point[0]) * scale, top + math.floor(point[1]) * scale
+        x, y = (math.floor(number + 1e-6) for number in point)  # 6.9999999 is meant as 7
+        return left + x * scale, top + y * scale
 
     def _line(self, first: tuple[float, float], last: tuple[float, float]) -> None:
         pygame.draw.line(self.window.surface, colours.TRACK, self._place(first), self._place(last))
 
     def _frame(self, board: Any, mark: Mark) -> None:
-        left, top = self._place(board.find_box(*mark.cell))
-        row, column = mark.cell[0] + mark.size, mark.cell[1] + mark.size
+        left, top = self._place(board.find_box(*mark.corner))
+        row, column = mark.corner[0] + mark.size, mark.corner[1] + mark.size
         right, bottom = self._place(board.find_box(row, column))
         box = pygame.Rect(left, top, right - left, bottom - top)
         pygame.draw.rect(self.window.surface, colours.BACKGROUND, box.inflate(2, 2), 1)
@@ -233,18 +238,46 @@ class Scene:
         surface.blit(fit(f"{key}  {button.label}", room, ink), (box[0] + 5, box[1] + 4))
         surface.blit(fit(button.price, room, colours.DIM, SMALL), (box[0] + 5, box[1] + 21))
 
-    def _draw_panels(self, width: int, height: int) -> None:
-        window = self.window
-        drawn = window.moment, int(time.monotonic() / PANEL_SECONDS), width, height, window.speed
+    def _draw_panels(self) -> None:
+        window, box = self.window, self._panels_box
+        drawn = window.moment, int(time.monotonic() / PANEL_SECONDS), box.height, window.speed
         last = self._drawn.get("panels")
         if last is None or last[0] is not drawn[0] or last[1:] != drawn[1:]:
             self._drawn["panels"] = drawn
-            if self._panels is None or self._panels.get_height() != height:
-                self._panels = pygame.Surface((PANEL_WIDTH, height))
             inks = list_seat_colours(window.session, window.moment.view.seat)
-            draw_panels(self._panels, window.describe_panels(inks))
-        if self._panels is not None:
-            window.surface.blit(self._panels, (width - PANEL_WIDTH, 0))
+            state = window.describe_panels(inks)
+            self._panels_height = draw_panels(self._panels, state)
+            high = max(box.height, self._panels_height)
+            if self._panels.get_height() < high:
+                self._panels = pygame.Surface((PANEL_WIDTH, high))
+                draw_panels(self._panels, state)
+        self.scroll_panels(0)  # they may need less than before
+        window.surface.blit(self._panels, box, (0, self._panels_top, *box.size))
+        if self._panels_height > box.height:
+            shrink = box.height / self._panels_height
+            bar = box.right - SCROLLBAR, self._panels_top * shrink, SCROLLBAR, box.height * shrink
+            window.surface.fill(colours.TRACK, (bar[0], 0, SCROLLBAR, box.height))
+            window.surface.fill(colours.DIM, bar)
+
+    def scroll_panels(self, pixels: int) -> None:
+        """Move the panels up by pixels, to their end at most."""
+        most = max(0, self._panels_height - self._panels_box.height)
+        self._panels_top = max(0, min(most, self._panels_top + pixels))
+
+    def turn_panels(self) -> None:
+        """Show what follows below the panels that are shown; after the last the first again."""
+        if self._panels_top + self._panels_box.height >= self._panels_height:
+            self._panels_top = 0
+        else:
+            self.scroll_panels(max(LINE, self._panels_box.height - 2 * LINE))
+
+    def roll_wheel(self, notches: int) -> None:
+        """The mouse wheel was turned, up above 0: it scrolls panels and zooms the game."""
+        window = self.window
+        if window.pointer is not None and self._panels_box.collidepoint(window.pointer):
+            self.scroll_panels(-notches * WHEEL_LINES * LINE)
+        else:
+            window.camera.change_zoom(notches, *(window.pointer or window.camera.area[:2]))
 
     def _draw_menu(self) -> None:
         """All keys: of the game, and of the window."""

@@ -28,7 +28,7 @@ from marl_cair.window.statistics import name_game, save_statistics
 # act in every tick. The game is the same: an agent's step is an order and some ticks without one.
 TICK_BY_TICK = ("deep_line_wars", "deep_rts")
 # Games of which all persons use the keyboard at once. In others they pass keyboard and mouse on.
-AT_ONCE = ("deep_maze", "flappy_bird")
+AT_ONCE = ("deep_maze", "flappy_bird", "flash")
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,8 @@ class Session:
         game, scenario: what is played, with the rated reward.
         agents: one for each seat; None is a person.
         seed: of the maps and the agents; the same seed and actions give the same games.
-        record: the file of the first game's replay; later games get a number in its name.
+        record: the file of the first game's replay; later games get a number in its name. A game
+            without a step leaves none.
         statistics: path of each game's statistics without suffix, see `statistics`; numbered too.
 
     Raises ValueError where the number of agents is not the number of seats.
@@ -166,6 +167,8 @@ class Session:
         if self._writer is not None:
             self._writer.close()
             self._writer = None
+            if self.record is not None and not self.history.actions:
+                name_game(self.record, self.number).unlink(missing_ok=True)  # nothing was played
         if self.statistics is not None and self._is_unsaved:
             try:
                 save_statistics(self, name_game(self.statistics, self.number))

@@ -14,7 +14,7 @@ import numpy as np
 import pygame
 from numpy.typing import NDArray
 
-from marl_cair.window.boards import Board, Cell, find_board
+from marl_cair.window.boards import Board, Cell, Point, find_board, find_cell
 from marl_cair.window.camera import Camera
 from marl_cair.window.controls.controls import ARROWS, LEFT, RIGHT, Controls
 from marl_cair.window.controls.registry import TURNS, make_controls
@@ -71,7 +71,7 @@ class Window:
         self.drag_start: Cell | None = None
         self._clock, self._counted = pygame.time.Clock(), (0, 0, time.monotonic())
         self._frames, self.frame_rates, self.tick_rates = 0, list[float](), list[float]()
-        self.scene = Scene(self)
+        self.scene: Scene = Scene(self)
 
     # --- the loop ---------------------------------------------------------------------------------
 
@@ -185,12 +185,15 @@ class Window:
             self.surface = pygame.display.get_surface() or self.surface
         elif event.type == pygame.KEYDOWN:
             self.press(event.key, getattr(event, "mod", 0))
+        elif event.type == pygame.KEYUP:
+            for control in self.list_active():
+                control.release(event.key)
         elif event.type == pygame.MOUSEMOTION:
             self.pointer = event.pos
             if event.buttons[1]:
                 self.camera.scroll(-event.rel[0], -event.rel[1])
         elif event.type == pygame.MOUSEWHEEL:
-            self.camera.change_zoom(event.y, *(self.pointer or self.camera.area[:2]))
+            self.scene.roll_wheel(event.y)
         elif event.type == pygame.MOUSEBUTTONDOWN:
             self._mouse_down(event.pos, event.button)
         elif event.type == pygame.MOUSEBUTTONUP:
@@ -203,7 +206,8 @@ class Window:
             self.camera.scroll(columns * SCROLL_PIXELS, rows * SCROLL_PIXELS)
             return
         hotkey = find_hotkey(key)
-        if hotkey is not None:
+        is_claimed = any(control.claims(key) for control in self.list_active())
+        if hotkey is not None and (mod & pygame.KMOD_CTRL or not is_claimed):
             hotkey.run(self)
             return
         for control in self.list_active():
@@ -230,37 +234,42 @@ class Window:
         self.pointer = place
         if button == LEFT and self.scene.click(place):
             return
-        cell = self.find_cell(place)
-        if cell is None or button not in (LEFT, RIGHT) or not self.controls:
+        point = self.find_point(place)
+        if point is None or button not in (LEFT, RIGHT) or not self.controls:
             return
         control = self.controls[self.person]
         if self.view != View(control.seat):
             self.message = f"F or V: turn to the view of player {control.seat} to give orders"
         elif button == LEFT:
-            self.drag_start = cell
+            self.drag_start = find_cell(point)
         else:
-            control.click(cell, RIGHT, self.moment)
+            control.click(point, RIGHT, self.moment)
             self._say(control)
 
     def _mouse_up(self, place: tuple[int, int], button: int) -> None:
         start, self.drag_start = self.drag_start, None
-        cell = self.find_cell(place)
-        if start is None or button != LEFT or cell is None:
+        point = self.find_point(place)
+        if start is None or button != LEFT or point is None:
             return
         self._start_clock()
         control = self.controls[self.person]
-        if cell == start:
-            control.click(cell, LEFT, self.moment)
+        if find_cell(point) == start:
+            control.click(point, LEFT, self.moment)
         else:
-            control.drag(start, cell, self.moment)
+            control.drag(start, find_cell(point), self.moment)
         self._say(control)
 
-    def find_cell(self, place: tuple[int, int]) -> Cell | None:
-        """The cell of the board at a pixel of the window."""
+    def find_point(self, place: tuple[int, int]) -> Point | None:
+        """The point of the board at a pixel of the window."""
         board = self.find_board()
         if board is None or not self.camera.contains(*place):
             return None
-        return board.find_cell(*self.camera.to_picture(*place))
+        return board.find_point(*self.camera.to_picture(*place))
+
+    def find_cell(self, place: tuple[int, int]) -> Cell | None:
+        """The cell of the board at a pixel of the window."""
+        point = self.find_point(place)
+        return None if point is None else find_cell(point)
 
     def find_board(self) -> Board | None:
         """Where cells lie in the picture; None for pictures without a board."""

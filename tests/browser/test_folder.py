@@ -64,7 +64,7 @@ def test_orders_for_every_unit_are_refused(tmp_path):
 
 
 def test_flash_games_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="cannot be compiled for a browser.*flash play"):
+    with pytest.raises(ValueError, match="cannot be compiled for a browser.*play flash"):
         write(tmp_path / "page", "flash")
 
 

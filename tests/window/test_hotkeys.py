@@ -1,5 +1,6 @@
 """Each hotkey does what its line of the menu says."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,9 +8,12 @@ import pygame
 import pytest
 
 from marl_cair.games.replays import read_replay
+from marl_cair.window.colours import list_seat_colours
 from marl_cair.window.controls import line_wars, registry, rts
 from marl_cair.window.controls.controls import ARROWS
 from marl_cair.window.hotkeys import HOTKEYS, SPEEDS, find_hotkey
+from marl_cair.window.panels import draw_panels
+from marl_cair.window.scene import PANEL_WIDTH, SCROLLBAR
 from marl_cair.window.session import View
 from tests.window.persons import Person, make_window
 
@@ -193,6 +197,56 @@ def test_b_hides_the_panels_and_gives_their_room_to_the_game(window):
     assert window.camera.area[2] == window.surface.get_width() > wide
 
 
+def test_end_and_the_wheel_scroll_panels_that_do_not_fit():
+    window = make_window("deep_rts", "FFA-6-31x31", ["random"] * 6, (960, 300))
+    window._counted = 0, 0, math.inf  # rates do not change
+    Person(window).wait()
+    press(window, "P")
+    whole, scale = draw_all_panels(window), window.camera.scale
+    tops = [find_top(window, whole)]
+    for _ in range(2):
+        press(window, "End")
+        tops.append(find_top(window, whole))
+    assert tops == [0, 300 - 2 * 17, len(whole) - 300]  # no line of 17 pixels is cut
+    press(window, "End")
+    assert find_top(window, whole) == 0
+    Person(window).move((900, 200))
+    window.handle(SimpleNamespace(type=pygame.MOUSEWHEEL, y=-1))
+    window.draw()
+    assert find_top(window, whole) == 3 * 17
+    window.handle(SimpleNamespace(type=pygame.MOUSEWHEEL, y=2))
+    window.draw()
+    assert find_top(window, whole) == 0
+    assert window.camera.scale == scale
+    press(window, "B")
+    window.handle(SimpleNamespace(type=pygame.MOUSEWHEEL, y=1))
+    assert window.camera.scale == scale + 1  # the board lies there now
+
+
+def draw_all_panels(window):
+    """The panels as a column of lines, without the edge where the scroll bar is."""
+    surface = pygame.Surface((PANEL_WIDTH, 2_000))
+    state = window.describe_panels(list_seat_colours(window.session, window.moment.view.seat))
+    height = draw_panels(surface, state)
+    return pygame.surfarray.array3d(surface).swapaxes(0, 1)[:height, :-SCROLLBAR]
+
+
+def shown_panels(window):
+    left = window.surface.get_width() - PANEL_WIDTH
+    return pixels(window).swapaxes(0, 1)[:, left:-SCROLLBAR]
+
+
+def find_top(window, whole):
+    """The first line of the panels that is shown."""
+    shown = shown_panels(window)
+    (top,) = [
+        top
+        for top in range(len(whole) - len(shown) + 1)
+        if (whole[top : top + len(shown)] == shown).all()
+    ]
+    return top
+
+
 def test_page_up_and_down_zoom_by_whole_pixels(window):
     assert window.camera.scale == 1
     press(window, "Page up")
@@ -237,7 +291,7 @@ def test_escape_quits(window):
 def test_the_window_has_a_test_for_each_hotkey():
     tested = (
         *("G", "P", ".", "+", "-", "T", "N", "Tab", "F", "V", "O", "H", "B", "F5", "F12", "Esc"),
-        *("Page up", "Page down"),
+        *("Page up", "Page down", "End"),
     )
     assert sorted(tested) == sorted(hotkey.label for hotkey in HOTKEYS)
 

@@ -4,13 +4,15 @@ import numpy as np
 import pygame
 import pytest
 
+from marl_cair.games.compiled import compiled_compact
 from marl_cair.games.deep_maze import state as maze
 from marl_cair.games.deep_maze.tables import COLUMN_STEP, ROW_STEP
 from marl_cair.games.deep_rts import state as rts
 from marl_cair.games.deep_rts import tables as t
+from marl_cair.games.deep_rts.art.scene import piece_of, scene_of
 from marl_cair.window.session import View
 from tests.games import last_standing
-from tests.window.persons import Person, make_window
+from tests.window.persons import Person, make_window, win_line_wars, win_skirmish
 
 MAZE_KEYS = (pygame.K_DOWN, pygame.K_UP, pygame.K_LEFT, pygame.K_RIGHT)
 
@@ -20,16 +22,8 @@ def test_line_wars_is_won_by_mouse_and_keys():
     person = Person(window)
     person.wait(20)
     assert window.moment.step == 0  # the game begins with the person's first order
-    for row in (1, 4, 6, 8):
-        person.press(pygame.K_5)
-        person.click_cell(row, 3)
-        person.wait()
-        person.click_cell(row, 3, button=3)  # no tower is chosen any more
+    win_line_wars(person)
     assert window.moment.world.num_towers[0, 0] == 4
-    while not window.moment.is_over:
-        if window.moment.numbers.resources["gold"][0] >= 100:
-            person.press(pygame.K_4)
-        person.wait(10)
     assert window.moment.winner == 0
     assert window.message == "you have won. N: next game, Esc: quit"
 
@@ -133,6 +127,41 @@ def find_tile(window, kind):
     return places[np.abs(places - base).sum(1).argmin()].tolist()
 
 
+@compiled_compact
+def read_corners(worlds, rules, viewer, tile, top, left, out):
+    """Top and left, in the picture, of every unit on the board, int64 [U, 2]."""
+    scene = scene_of(worlds, rules, 0, viewer, tile, top, left)
+    for unit in range(len(out)):
+        if scene.units[unit, rts.UNIT_KIND] != t.NO_KIND:
+            piece = piece_of(scene, unit)
+            out[unit, 0], out[unit, 1] = piece.top, piece.left
+
+
+def test_rts_units_are_marked_and_picked_where_they_are_drawn():
+    """The picture's own pieces are the reference; blows and blows at trees shift them a little."""
+    window = make_window("deep_rts", "1v1-15x15", ("random", None))
+    person, control, board = Person(window), window.controls[0], window.find_board()
+    rules, side = control.rules, int(board.tile)
+    corners, shifts = np.zeros((len(window.moment.world.units[0]), 2), np.int64), []
+    for step in range(160):
+        if step % 40 == 0:  # to corners, so that all directions are walked
+            person.press(pygame.K_u)
+            person.click_cell(*[(0, 14), (14, 14), (14, 0), (7, 7)][step // 40], button=3)
+        person.wait()
+        world = window.moment.world
+        read_corners(world, rules, 1, side, int(board.top), int(board.left), corners)
+        for unit in control.list_units(window.moment):
+            top, left = corners[unit.slot]
+            away = np.abs(np.subtract(board.find_box(*unit.corner), (left, top))).max()
+            is_walking = world.units[0, unit.slot, rts.UNIT_STATE] == rts.WALKING
+            assert away < 1e-6 if is_walking else away <= side // 6
+            if max(map(abs, unit.ahead)) > 0.7:
+                shifts.append(unit.ahead)
+                middle = board.find_point(left + side // 2, top + side // 2)
+                assert control.find_unit(middle, window.moment) == unit
+    assert len({tuple(np.sign(shift)) for shift in shifts}) > 3
+
+
 @pytest.mark.parametrize("actions", ["unit", "grid"])
 def test_rts_trains_builds_and_sends_units_far_away(actions):
     window = make_window("deep_rts", "1v1-15x15", (None, "random"), actions=actions)
@@ -179,6 +208,29 @@ def test_rts_soldiers_advance_after_a():
     person.wait(2 * num_soldiers + 2)
     names = [window.session.spec.action_names[one[0]] for one in window.session.history.actions]
     assert names.count(f"advance_r{goal[0]}_c{goal[1]}") >= num_soldiers - 1  # one may be there
+
+
+def test_s_stops_a_unit_on_its_way():
+    window = make_window("deep_rts", "1v1-15x15", (None, "random"))
+    person, control = Person(window), window.controls[0]
+    person.press(pygame.K_u)
+    person.click_cell(7, 7, button=3)
+    person.wait(12)
+    (peasant,) = control.list_selected(window.moment)
+    assert window.moment.world.units[0, peasant.slot, rts.UNIT_ORDER] == rts.MOVE
+    person.press(pygame.K_s)
+    person.wait(30)
+    (peasant,) = control.list_selected(window.moment)
+    assert peasant.is_idle
+    assert (peasant.row, peasant.column) != (7, 7)
+
+
+def test_an_rts_battle_is_won_by_mouse_and_keys():
+    window = make_window("deep_rts", "Skirmish-15x15", (None, "random"))
+    win_skirmish(Person(window))
+    assert window.moment.winner == 0
+    assert window.session.kills[0] == 8
+    assert window.session.engine.illegal_actions[0, 0] == 0
 
 
 def test_the_classic_orders_of_rts_have_keys():

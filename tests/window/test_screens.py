@@ -10,18 +10,22 @@ import pygame
 import pytest
 from PIL import Image
 
+from marl_cair.games.deep_rts import state as rts
+from marl_cair.window.controls.registry import FLAP_KEYS
 from marl_cair.window.pen import fit, write
 from marl_cair.window.scene import PANEL_WIDTH
-from tests.window.persons import Person, make_window
+from marl_cair.window.session import View
+from tests.games.flash.browser.flash_files import need_flash
+from tests.window.persons import SIZE, Person, make_window
 
 APPROVED = Path(__file__).parent / "approved"
-SIZE = (960, 620)
+SMALL_SIZE = (960, 620)
 # Text is drawn by the FreeType of the machine: edges of letters may differ, colours and places not.
 MOST_DIFFERENT, TOLERANCE = 0.01, 48  # share of pixels by more than that in a channel
 
 
 def line_wars_by_hand():
-    window = make_window("deep_line_wars", None, (None, "counter"), SIZE)
+    window = make_window("deep_line_wars", None, (None, "counter"), SMALL_SIZE)
     person = Person(window)
     person.press(pygame.K_2, pygame.K_5)
     person.click_cell(3, 4)
@@ -44,13 +48,16 @@ def line_wars_values():
 
 
 def rts_by_hand():
-    window = make_window("deep_rts", "1v1-15x15-fog", (None, "mixed"), SIZE)
+    window = make_window("deep_rts", "1v1-15x15-fog", (None, "mixed"), SMALL_SIZE)
     person, board = Person(window), window.find_board()
     person.click(
         person.find_pixel(0, 0), until=person.find_pixel(board.rows - 1, board.columns - 1)
     )
     person.press(pygame.K_h)
-    person.wait(120)
+    person.click_cell(13, 2, button=3)
+    person.wait(28)
+    walking = window.moment.world.units[0, :, rts.UNIT_STATE] == rts.WALKING
+    assert walking.sum() > 2
     return window
 
 
@@ -61,28 +68,52 @@ def rts_of_six():
 
 
 def rts_planes():
-    window = make_window("deep_rts", "1v1-15x15", ("mixed", "mixed"), SIZE)
+    window = make_window("deep_rts", "1v1-15x15", ("mixed", "mixed"), SMALL_SIZE)
     Person(window).press(pygame.K_v)
     Person(window).wait(50)
     return window
 
 
 def maze_menu():
-    window = make_window("deep_maze", size=SIZE)
+    window = make_window("deep_maze", size=SMALL_SIZE)
     Person(window).press(pygame.K_g)
     return window
 
 
 def flappy_race():
-    window = make_window("flappy_bird", "race-4", (None, "oracle", "reflex", None), SIZE)
+    """Two persons, who keep to a height each, and two bots."""
+    window = make_window("flappy_bird", "race-4", (None, "oracle", "reflex", None), SMALL_SIZE)
     Person(window).press(pygame.K_SPACE)
-    Person(window).wait(40)
+    for _ in range(40):
+        for seat, key, lowest in ((0, FLAP_KEYS[0], 230), (3, FLAP_KEYS[1], 180)):
+            if window.moment.world.bird_y[0, seat] > 100 * lowest:
+                Person(window).press(key)
+        Person(window).wait()
+    assert not window.moment.eliminated.any()
+    return window
+
+
+def line_wars_heatmap():
+    window = make_window("deep_line_wars", None, ("counter", "rusher"), SMALL_SIZE)
+    Person(window).wait(400)
+    window.set_view(View(1, "heatmap"))
+    Person(window).wait()
+    return window
+
+
+def duel_by_hand():
+    need_flash()
+    window = make_window("flash", "duel", (None, "duelist"), SMALL_SIZE)
+    Person(window).hold(pygame.K_s)
+    Person(window).wait(10)
+    Person(window).hold(pygame.K_d)
+    Person(window).wait(25)
     return window
 
 
 SCREENS = (
-    *(line_wars_by_hand, line_wars_values, rts_by_hand, rts_of_six, rts_planes),
-    *(maze_menu, flappy_race),
+    *(line_wars_by_hand, line_wars_values, line_wars_heatmap, rts_by_hand, rts_of_six, rts_planes),
+    *(maze_menu, flappy_race, duel_by_hand),
 )
 
 
@@ -92,6 +123,7 @@ def take(make):
     window.frame_rates, window.tick_rates = [60.0, 59.0, 60.0], [10.0, 10.0, 10.0]
     window.scene._drawn.pop("panels", None)
     window.draw()
+    window.shut_down()
     return pygame.surfarray.array3d(window.surface).swapaxes(0, 1)
 
 

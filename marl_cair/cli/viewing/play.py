@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
-import time
 from collections.abc import Sequence
+from contextlib import closing
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +18,7 @@ from marl_cair.cli.viewing import browser_play
 from marl_cair.games import GAMES
 from marl_cair.games.game import Agent
 from marl_cair.games.players.random_player import RANDOM
+from marl_cair.games.replays import REPLAY_SUFFIX
 from marl_cair.lookup import find_by_name
 from marl_cair.window.display import import_pygame, open_display
 
@@ -32,10 +35,6 @@ def run(arguments: Sequence[str]) -> int:
         return browser_play.run(arguments)
     options = make_parser().parse_args(arguments)
     game = find_by_name("game", options.game_name, GAMES)
-    if not game.has_snapshots:
-        raise ValueError(
-            f"{game.name} runs in a browser and has a window of its own: marl-cair flash play NAME"
-        )
     options.game = game.name
     return show_games(options, options.opponent, options.humans)
 
@@ -48,9 +47,9 @@ def show_games(options: argparse.Namespace, agents: Sequence[str], num_persons: 
     size = read_window_size(options.size)
     if not 0.01 <= options.speed <= 1_000.0:
         raise ValueError(f"--speed is {options.speed}, it must be in 0.01..1000")
-    session = make_session(options, agents, num_persons)
-    surface = open_display(size, f"{session.game.title}: marl_cair")
-    Window(session, surface, Path(options.folder), options.speed).run()
+    with closing(make_session(options, agents, num_persons)) as session:
+        surface = open_display(size, f"{session.game.title}: marl_cair")
+        Window(session, surface, Path(options.folder), options.speed).run()
     return EXIT_DONE
 
 
@@ -68,8 +67,9 @@ def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons
     players: list[Agent | None] = [
         None if source is None else load(source, game.name, scenario) for source in seats
     ]
-    record = Path(options.record) if options.record else None
-    statistics = name_statistics(options, game.name, record)
+    record, statistics = name_files(options, game.name)
+    if record is not None:
+        _make_folder(record.parent)
     return Session(game, scenario, players, options.seed, record, statistics)
 
 
@@ -96,12 +96,31 @@ def seat_players(
     return [None if seat in persons else next(sources) for seat in range(num_seats)]
 
 
-def name_statistics(options: argparse.Namespace, game: str, record: Path | None) -> Path:
-    """Where statistics go: to --statistics, else beside the recording, else to --folder."""
-    if record is not None and not options.statistics:
-        return record.with_suffix("")
-    folder = Path(options.statistics or options.folder)
-    return folder / f"{game}-{time.strftime('%Y%m%d-%H%M%S')}"
+def name_files(options: argparse.Namespace, game: str) -> tuple[Path | None, Path]:
+    """The replay (None: there is none) and the statistics, without suffix, of the first game.
+
+    Replays go to --record, those of `play` else to --folder; statistics to --statistics, else
+    beside the replay, else to --folder. Names without --record have the time in them.
+    """
+    name = f"{game}-{datetime.now().astimezone():%Y%m%d-%H%M%S-%f}"
+    record = Path(options.record) if options.record else None
+    if record is None and getattr(options, "records", False):
+        record = Path(options.folder) / f"{name}{REPLAY_SUFFIX}"
+    if options.statistics or record is None:
+        return record, Path(options.statistics or options.folder) / name
+    return record, record.with_suffix("")
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder of recordings. Raises ValueError where that is not possible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError("it is read-only")
+    except OSError as error:
+        raise ValueError(
+            f"games cannot be recorded in {folder} ({error}): give another --folder, or --no-record"
+        ) from error
 
 
 def read_window_size(text: str) -> tuple[int, int]:
@@ -116,18 +135,20 @@ def read_window_size(text: str) -> tuple[int, int]:
     return size
 
 
-def add_window_options(parser: argparse.ArgumentParser) -> None:
-    """Options that `play` and `watch` share."""
-    parser.add_argument("--record", metavar="FILE", help="record the game as a replay")
+def add_window_options(parser: argparse.ArgumentParser, unrecorded: str) -> None:
+    """Options that `play` and `watch` share; `unrecorded`: what is done without --record."""
+    parser.add_argument(
+        "--record", metavar="FILE", help=f"record the game as a replay ({unrecorded})"
+    )
     parser.add_argument(
         "--statistics",
         metavar="FOLDER",
-        help="of statistics, CSV and JSON: a folder (default: beside --record, else --folder)",
+        help="of statistics, CSV and JSON: a folder (default: beside the replay, else --folder)",
     )
     parser.add_argument(
         "--folder",
         default="runs/play",
-        help="of statistics, screenshots and replays saved by F5 (default: %(default)s)",
+        help="of replays, statistics and screenshots (default: %(default)s)",
     )
     parser.add_argument(
         "--speed", type=float, default=1.0, help="1 is the game's own (default: %(default)s)"
@@ -166,5 +187,8 @@ def make_parser() -> Parser:
         action="store_true",
         help="play on a page instead, as static files: see `marl-cair play --browser --help`",
     )
-    add_window_options(parser)
+    add_window_options(parser, "default: in --folder, with the time in its name")
+    parser.add_argument(
+        "--no-record", dest="records", action="store_false", help="record no game by default"
+    )
     return parser

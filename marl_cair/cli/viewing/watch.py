@@ -74,5 +74,5 @@ def make_parser() -> Parser:
         type=int,
         help="of a film: frames in a second (default: the game's own pace, at least 10)",
     )
-    add_window_options(parser)
+    add_window_options(parser, "default: none")
     return parser

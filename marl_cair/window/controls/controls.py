@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import pygame
 
-from marl_cair.window.boards import Board, Cell
+from marl_cair.window.boards import Board, Cell, Point, find_cell, find_middle
 from marl_cair.window.session import Moment, Session
 
 LEFT, RIGHT = 1, 3  # mouse buttons, as pygame counts them
@@ -32,9 +32,9 @@ class Button(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A frame around cells of the own view."""
+    """A frame around cells of the own view, or between them."""
 
-    cell: Cell
+    corner: Point
     colour: str
     size: int = 1  # cells along a side
 
@@ -59,16 +59,23 @@ class Controls:
         """Whether an order waits to be carried out."""
         return bool(self.orders)
 
+    def claims(self, key: int) -> bool:
+        """Whether a key is the game's even where the window has a hotkey of it."""
+        return False
+
     def press(self, key: int, moment: Moment) -> bool:
         """A key was pressed; False if it means nothing here."""
         return False
 
-    def click(self, cell: Cell, button: int, moment: Moment) -> None:
-        """A cell of the board was clicked."""
+    def release(self, key: int) -> None:
+        """A key was released."""
+
+    def click(self, point: Point, button: int, moment: Moment) -> None:
+        """A point of the board was clicked."""
 
     def drag(self, first: Cell, last: Cell, moment: Moment) -> None:
         """A box of cells was drawn with the left button."""
-        self.click(last, LEFT, moment)
+        self.click(find_middle(last), LEFT, moment)
 
     def choose(self, moment: Moment) -> Any:
         """The next order as an action of the game that is legal at `moment`; None for none."""
@@ -140,7 +147,8 @@ class BoardControls(Controls):
         elif key in (pygame.K_RETURN, pygame.K_SPACE):
             if self.frame == NO_PLACE:
                 self.frame = self.find_start(moment)
-            self.click(self.frame, LEFT if key == pygame.K_RETURN else RIGHT, moment)
+            button = LEFT if key == pygame.K_RETURN else RIGHT
+            self.click(find_middle(self.frame), button, moment)
         else:
             return False
         return True
@@ -159,6 +167,20 @@ class BoardControls(Controls):
 
     def list_marks(self, moment: Moment) -> list[Mark]:
         return [] if self.frame == NO_PLACE else [Mark(self.frame, "#5efcf2")]
+
+
+class ClickControls(BoardControls):
+    """Games whose actions are clicks in a grid."""
+
+    lines: Sequence[tuple[str, str]] = (
+        ("left click", "click there"),
+        *BoardControls.lines[:2],
+    )
+
+    def click(self, point: Point, button: int, moment: Moment) -> None:
+        row, column = find_cell(point)
+        if button == LEFT:
+            self.orders.append(find_action(self.spec, f"click {column} {row}"))
 
 
 def find_action(spec: Any, name: str) -> int:

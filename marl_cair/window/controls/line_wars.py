@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pygame
 
 from marl_cair.games.deep_line_wars.tables import PRESETS, TOWER_NAMES, UNIT_NAMES
-from marl_cair.window.boards import Board, Cell
+from marl_cair.window.boards import Board, Cell, Point, find_cell
 from marl_cair.window.controls.controls import LEFT, BoardControls, Button, Mark, find_action
 from marl_cair.window.session import Moment, Session
 
@@ -49,7 +49,8 @@ class LineWarsControls(BoardControls):
             return super().press(key, moment)
         return True
 
-    def click(self, cell: Cell, button: int, moment: Moment) -> None:
+    def click(self, point: Point, button: int, moment: Moment) -> None:
+        cell = find_cell(point)
         if button != LEFT:
             self.tower, self.message = -1, ""
         elif self.tower < 0:

@@ -7,7 +7,13 @@ from collections.abc import Sequence
 import pygame
 
 from marl_cair.window.boards import Board
-from marl_cair.window.controls.controls import Controls, KeyControls, find_action
+from marl_cair.window.controls.controls import (
+    ClickControls,
+    Controls,
+    KeyControls,
+    find_action,
+)
+from marl_cair.window.controls.held_keys import HeldKeys
 from marl_cair.window.controls.line_wars import LineWarsControls
 from marl_cair.window.controls.rts import CLASSIC_KEYS, RtsControls
 from marl_cair.window.session import Session
@@ -37,6 +43,10 @@ def _make(session: Session, seat: int, person: int, board: Board | None) -> Cont
         return LineWarsControls(session, seat, board)
     if game == "deep_rts" and board is not None and session.scenario.actions != "classic":
         return RtsControls(session, seat, board)
+    if game == "flash" and session.scenario.actions == "keys":
+        return HeldKeys(session, seat)
+    if game == "flash" and board is not None:
+        return ClickControls(session, seat, board)
     return KeyControls(session, seat, _choose_keys(session, person))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.definition import WAYS
 from marl_cair.games.deep_rts.orders.grid import REACH_TILES
 from marl_cair.games.deep_rts.rules import rulebook as rb
-from marl_cair.window.boards import Board, Cell
+from marl_cair.window.boards import Board, Cell, Point, find_cell
 from marl_cair.window.controls.controls import LEFT, BoardControls, Button, Mark, find_action
 from marl_cair.window.session import Moment, Session
 
@@ -41,7 +42,7 @@ CLASSIC_KEYS = {
 
 
 class Unit(NamedTuple):
-    """An own unit or building on the board."""
+    """An own unit or building on the board; one that walks is drawn `ahead` of its cell."""
 
     slot: int
     serial: int
@@ -50,11 +51,29 @@ class Unit(NamedTuple):
     column: int
     half: int  # cells around its middle
     is_idle: bool
+    ahead: Point = (0.0, 0.0)
 
     @property
     def is_mobile(self) -> bool:
         """Whether it walks."""
         return self.kind < t.NUM_MOBILE_KINDS
+
+    @property
+    def corner(self) -> Point:
+        """The upper left of where it is drawn."""
+        return self.row - self.half + self.ahead[0], self.column - self.half + self.ahead[1]
+
+    @property
+    def middle(self) -> Point:
+        """The middle of where it is drawn."""
+        return self.row + 0.5 + self.ahead[0], self.column + 0.5 + self.ahead[1]
+
+    def covers(self, point: Point) -> bool:
+        """Whether it is drawn at a point."""
+        return all(
+            abs(own - other) <= self.half + 0.5
+            for own, other in zip(self.middle, point, strict=True)
+        )
 
 
 class Order(NamedTuple):
@@ -105,9 +124,24 @@ class RtsControls(BoardControls):
             place = self.rules.own_place[frame, cell].tolist()
             half = int(self.rules.kinds[kind, rb.KIND_HALF_SIZE])
             is_idle = bool(row[s.UNIT_ORDER] == s.NO_ORDER)
-            serial = int(row[s.UNIT_SERIAL])
-            units.append(Unit(slot, serial, kind, place[0], place[1], half, is_idle))
+            serial, ahead = int(row[s.UNIT_SERIAL]), self._find_ahead(moment, slot, frame)
+            units.append(Unit(slot, serial, kind, place[0], place[1], half, is_idle, ahead))
         return units
+
+    def _find_ahead(self, moment: Moment, slot: int, frame: int) -> Point:
+        """Rows and columns by which an own unit is drawn ahead of its cell while it walks, as
+        `art.scene.piece_of` has it.
+        """
+        world = moment.world
+        row = world.units[0, slot]
+        if row[s.UNIT_STATE] != s.WALKING:
+            return 0.0, 0.0
+        since = int(row[s.UNIT_SINCE])
+        lasts = max(1, int(world.due[0, slot]) - since)
+        percent = min(100, 100 * (int(world.clock[0, s.TICK]) - since) // lasts)
+        share = self.board.tile * percent // 100 / self.board.tile  # whole pixels
+        own = self.rules.own_direction[frame].tolist().index(row[s.UNIT_FACING])
+        return share * int(rb.ROW_STEP[own]), share * int(rb.COLUMN_STEP[own])
 
     def list_selected(self, moment: Moment) -> list[Unit]:
         """The selected units that are alive; forgets the others."""
@@ -115,14 +149,14 @@ class RtsControls(BoardControls):
         self.selected = [key for key in self.selected if key in units]
         return [units[key] for key in self.selected]
 
-    def find_unit(self, cell: Cell, moment: Moment) -> Unit | None:
-        """The own unit that covers a cell, one that walks first."""
-        found = [
-            unit
-            for unit in self.list_units(moment)
-            if abs(unit.row - cell[0]) <= unit.half and abs(unit.column - cell[1]) <= unit.half
-        ]
-        return min(found, key=lambda unit: unit.kind, default=None)
+    def find_unit(self, point: Point, moment: Moment) -> Unit | None:
+        """The own unit that is drawn at a point: the nearest that can walk, else a building."""
+        found = [unit for unit in self.list_units(moment) if unit.covers(point)]
+        return min(
+            found,
+            key=lambda unit: (not unit.is_mobile, math.dist(unit.middle, point)),
+            default=None,
+        )
 
     def find_start(self, moment: Moment) -> Cell:
         units = self.list_units(moment)
@@ -163,9 +197,9 @@ class RtsControls(BoardControls):
         self.selected = [(unit.slot, unit.serial) for unit in units]
         self.advances = False
 
-    def click(self, cell: Cell, button: int, moment: Moment) -> None:
+    def click(self, point: Point, button: int, moment: Moment) -> None:
         if button == LEFT and not self.advances:
-            unit = self.find_unit(cell, moment)
+            unit = self.find_unit(point, moment)
             self.select([unit] if unit else [])
             self.message = t.UNIT_NAMES[unit.kind].replace("_", " ") if unit else ""
             return
@@ -174,7 +208,7 @@ class RtsControls(BoardControls):
             self.message = "select units first: left click, or draw a box"
             return
         self.message = ""
-        self.order(chosen, "advance" if self.advances else "go", cell)
+        self.order(chosen, "advance" if self.advances else "go", find_cell(point))
         self.advances = False
 
     def drag(self, first: Cell, last: Cell, moment: Moment) -> None:
@@ -182,7 +216,8 @@ class RtsControls(BoardControls):
         inside = [
             unit
             for unit in self.list_units(moment)
-            if rows[0] <= unit.row <= rows[1] and columns[0] <= unit.column <= columns[1]
+            if rows[0] <= unit.middle[0] < rows[1] + 1
+            and columns[0] <= unit.middle[1] < columns[1] + 1
         ]
         self.select([unit for unit in inside if unit.is_mobile] or inside[:1])
         self.message = f"{len(self.selected)} selected"
@@ -300,8 +335,8 @@ class RtsControls(BoardControls):
         return [*buttons, Button(key, label, "", True)]
 
     def list_marks(self, moment: Moment) -> list[Mark]:
-        marks = []
-        for unit in self.list_selected(moment):
-            corner = unit.row - unit.half, unit.column - unit.half
-            marks.append(Mark(corner, SELECTED_COLOUR, 2 * unit.half + 1))
+        marks = [
+            Mark(unit.corner, SELECTED_COLOUR, 2 * unit.half + 1)
+            for unit in self.list_selected(moment)
+        ]
         return marks + super().list_marks(moment)

@@ -9,10 +9,11 @@ import pytest
 from PIL import Image
 
 from marl_cair.cli import main
-from marl_cair.cli.viewing.play import make_parser, make_session, name_statistics, seat_players
+from marl_cair.cli.viewing.play import make_parser, make_session, name_files, seat_players
 from marl_cair.cli.viewing.watch import make_parser as make_watch_parser
 from marl_cair.games.replays import read_replay
 from marl_cair.window.session import View
+from tests.games.flash.browser.flash_files import need_flash
 
 
 def refused(capsys, *words):
@@ -42,6 +43,19 @@ def test_a_window_opens_plays_records_and_closes(tmp_path, monkeypatch):
     assert (tmp_path / "game.json").is_file()
 
 
+def test_each_game_is_recorded_once_it_has_begun(tmp_path, monkeypatch):
+    pygame.display.init()
+    keys = [
+        [pygame.event.Event(pygame.KEYDOWN, key=key, mod=0)] for key in (pygame.K_SPACE, pygame.K_n)
+    ]
+    events = [keys[0], *[[]] * 20, keys[1], *[[]] * 5, [pygame.event.Event(pygame.QUIT)]]
+    monkeypatch.setattr(pygame.event, "get", lambda: events.pop(0))
+    assert main(["play", "flappy_bird", "--size", "320x240", "--folder", str(tmp_path)]) == 0
+    (path,) = tmp_path.glob("*.replay")  # the second game waited for a key
+    assert len(read_replay(path).actions) > 1
+    assert path.with_suffix(".json").is_file()
+
+
 def test_watch_writes_a_film_without_a_display(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("SDL_VIDEODRIVER", "none of these")
     film = tmp_path / "game.gif"
@@ -58,23 +72,51 @@ def test_watch_writes_a_film_without_a_display(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "name"),
+    ("words", "replay", "statistics"),
     [
-        ((), "runs/play/deep_maze-"),
-        (("--folder", "a"), "a/deep_maze-"),
-        (("--folder", "a", "--record", "b/c.replay"), "b/c"),
-        (("--record", "b/c.replay", "--statistics", "d"), "d/deep_maze-"),
+        ((), "runs/play/deep_maze-*.replay", "runs/play/deep_maze-*"),
+        (("--folder", "a"), "a/deep_maze-*.replay", "a/deep_maze-*"),
+        (("--folder", "a", "--no-record"), None, "a/deep_maze-*"),
+        (("--folder", "a", "--record", "b/c.replay"), "b/c.replay", "b/c"),
+        (("--record", "b/c.replay", "--statistics", "d"), "b/c.replay", "d/deep_maze-*"),
+        (("--statistics", "d"), "runs/play/deep_maze-*.replay", "d/deep_maze-*"),
     ],
 )
-def test_statistics_are_saved_by_default(words, name):
+def test_games_are_recorded_by_default_beside_their_statistics(words, replay, statistics):
     options = make_parser().parse_args(["deep_maze", *words])
-    record = Path(options.record) if options.record else None
-    path = name_statistics(options, "deep_maze", record)
-    assert path.as_posix().startswith(name)
+    record, path = name_files(options, "deep_maze")
+    assert path.match(statistics)
+    assert record.match(replay) if replay else record is None
+    assert "--statistics" in words or record is None or record.with_suffix("") == path
 
 
-def test_flash_games_have_a_command_of_their_own(capsys):
-    assert "marl-cair flash play NAME" in refused(capsys, "play", "flash")
+def test_two_commands_in_the_same_second_have_files_of_their_own():
+    options = make_parser().parse_args(["deep_maze"])
+    assert len({name_files(options, "deep_maze") for _ in range(5)}) == 5
+
+
+def test_watched_games_are_recorded_where_asked():
+    for words, record in (((), None), (("--record", "b/c.replay"), Path("b/c.replay"))):
+        options = make_watch_parser().parse_args(["deep_maze/random", *words])
+        assert name_files(options, "deep_maze")[0] == record
+
+
+def test_a_folder_that_cannot_be_written_is_refused(capsys, tmp_path):
+    (tmp_path / "file").touch()
+    message = refused(capsys, "play", "deep_maze", "--folder", str(tmp_path / "file"))
+    assert "games cannot be recorded in" in message
+    assert "give another --folder, or --no-record" in message
+
+
+def test_watch_films_a_flash_game(tmp_path, capsys):
+    need_flash()
+    film, words = tmp_path / "duel.gif", ("--game", "flash", "--scenario", "duel", "--every", "20")
+    limits = ("--set", "max_ticks=120", "--folder", str(tmp_path))
+    assert main(["watch", "agents/flash_duel", "duelist", *words, *limits, "--to", str(film)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("0 flash_duel, 1 duelist: out of time after 60 steps")
+    with Image.open(film) as image:
+        assert image.n_frames == 4  # at the start, after 20, 40 and 60 steps
 
 
 def test_an_unknown_game_is_named_with_its_nearest(capsys):
@@ -99,7 +141,7 @@ def test_without_a_display_the_message_says_how_to_watch(capsys, monkeypatch):
     pygame.display.quit()
     monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
     monkeypatch.setenv("DISPLAY", ":4999")
-    message = refused(capsys, "play", "deep_maze")
+    message = refused(capsys, "play", "deep_maze", "--no-record")
     assert "no window can be opened" in message
     assert "--to game.mp4" in message
 
@@ -109,7 +151,7 @@ def test_a_driver_without_windows_is_refused_unless_it_was_asked_for(capsys, mon
     pygame.display.quit()
     for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    assert "no window can be opened" in refused(capsys, "play", "deep_maze")
+    assert "no window can be opened" in refused(capsys, "play", "deep_maze", "--no-record")
 
 
 @pytest.mark.parametrize(
@@ -150,7 +192,7 @@ def test_persons_take_seats_and_the_last_agent_the_rest():
 
 def test_a_trained_agent_plays_in_the_scenario_it_was_trained_on():
     options = make_parser().parse_args(
-        ["deep_line_wars", "--opponent", "agents/deep_line_wars_10x15", "--seat", "1"]
+        ["deep_line_wars", "--no-record", "--opponent", "agents/deep_line_wars_10x15", "--seat=1"]
     )
     options.game = options.game_name
     session = make_session(options, options.opponent, 1)

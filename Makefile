@@ -54,7 +54,8 @@ test-oldest: $(OLDEST)/.installed ## conformance tests with the oldest versions 
 	$(OLDEST)/bin/python -m pytest -n $(NUM_WORKERS) --dist loadscope --no-loadscope-reorder -k "$(OLDEST_CASES)" \
 	  tests/games/test_gymnasium_env.py tests/games/test_parallel_env.py tests/games/test_torchrl_env.py tests/games/test_doors.py
 
-docs: $(STAMP) ## build the documentation site into build/site; nothing is loaded from the network
+docs: $(STAMP) ## build the documentation site into build/site; it loads nothing from the network
+	$(RUN) -m marl_cair play install
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict --quiet
 
 compile: $(STAMP) ## compile the rules of all games, so that nothing waits for it later

@@ -11,24 +11,18 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from playwright.sync_api import Page, sync_playwright
 
-from marl_cair.browser.folder import Opponent, write_folder
-from marl_cair.browser.serving import make_server
+from marl_cair.browser.folder import PAGE_FILE, Opponent, write_folder
 from marl_cair.games import GAMES
 from marl_cair.league.play.match import record_game
 from marl_cair.viewer.page import write_viewer
 
 STEP = """async (seconds) => {
-  const { Rules } = await import("./rules.js");
-  const { opponent } = await (await fetch("game.json")).json();
-  const rules = await Rules.load("rules.wasm");
+  const { rules, game: { opponent } } = globalThis.play;
   let steps = 0, spent = 0;
   for (let seed = 0; spent < 1000 * seconds; seed++)
     for (rules.reset(seed), rules.arrays.random[0] = BigInt(seed); !rules.isOver; steps++) {
@@ -60,25 +54,15 @@ SEEK = """(seconds) => {
 }"""
 
 
-@contextmanager
-def serve(folder: Path) -> Iterator[str]:
-    """The address at which a folder is served."""
-    with make_server(folder) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}/"
-        server.shutdown()
-
-
 def measure_game(page: Page, name: str, folder: Path, seconds: float) -> str:
     """A row of the first table."""
     game = GAMES[name]
     scenario, bot = game.scenario(), [*game.bots][-1]
     write_folder(folder, game, game.default_scenario, scenario, Opponent(bot, bot=bot))
     spec = game.make_spec(scenario)
-    with serve(folder) as address:
-        page.goto(address)
-        page.locator("#start:enabled").wait_for(timeout=60_000)
-        rate, pictures = (page.evaluate(code, seconds) for code in (STEP, DRAW))
+    page.goto((folder / PAGE_FILE).as_uri())
+    page.locator("#start:enabled").wait_for(timeout=60_000)
+    rate, pictures = (page.evaluate(code, seconds) for code in (STEP, DRAW))
     ratio = rate * spec.ticks_per_step / spec.ticks_per_second
     return f"| {name} | {rate:,.0f} | {ratio:,.0f} | {pictures:.0f} |"
 

@@ -28,10 +28,16 @@ PAGES = {
 }
 PLAYED, FRAME_AFTER = "deep_line_wars", "images/deep_line_wars.gif)\n"
 FRAME = """
-Play it here, against the bot `{bot}` ([how this works](browser.md)):
+Play it here, against the [trained agent](agents.md) ([how this works](browser.md)):
 
-<iframe src="game/index.html" title="{title}" loading="lazy"
-  style="width: 100%; height: 46rem; border: 0"></iframe>
+<iframe id="game" src="game/index.html" title="Play" loading="lazy"
+  style="width: 100%; height: 50rem; border: 0"></iframe>
+<script>
+addEventListener("message", ({ source, data }) => {
+  const frame = document.getElementById("game");
+  if (source === frame.contentWindow && data.height > 0) frame.style.height = data.height + "px";
+});
+</script>
 """
 # A picture's or link's target; code in backticks is left alone.
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
@@ -59,7 +65,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         if path in PAGES or (file is not None and file.inclusion.is_included()):
             return posixpath.relpath(target, posixpath.dirname(here) or ".") + anchor
         kind = "tree" if (ROOT / path).is_dir() else "blob"
-        return f"{config.repo_url.rstrip('/')}/{kind}/main/{path}{anchor}"
+        return f"{config.extra['social'][0]['link']}/{kind}/main/{path}{anchor}"
 
     linked = LINK.sub(relink, markdown)
     if here != "index.md":
@@ -67,15 +73,9 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     before, found, after = linked.partition(FRAME_AFTER)
     if not found:
         raise ValueError(f"README.md holds no {FRAME_AFTER!r}, below which the game is shown")
-    frame = FRAME.format(bot=find_bot(), title=PLAYABLE[PLAYED].title)
-    return before + found + frame + after
+    return before + found + FRAME + after
 
 
 def on_post_build(config: Any) -> None:
     """Write the game of the first page; compiling its rules takes a minute, once."""
-    write_game(Path(config.site_dir) / "game", PLAYABLE[PLAYED], None, (), find_bot())
-
-
-def find_bot() -> str:
-    """The last bot, which `marl-cair play --browser` takes too."""
-    return [*PLAYABLE[PLAYED].bots][-1]
+    write_game(Path(config.site_dir) / "game", PLAYABLE[PLAYED], None, (), None)

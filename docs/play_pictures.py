@@ -11,7 +11,6 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Thread
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
@@ -21,7 +20,7 @@ from playwright.sync_api import sync_playwright
 
 from docs.play_film import click, find_pixel
 from marl_cair import load_agent
-from marl_cair.browser.serving import make_server
+from marl_cair.browser.folder import PAGE_FILE
 from marl_cair.cli.viewing.browser_play import write_game
 from marl_cair.games import GAMES
 from marl_cair.games.deep_rts.tables import ARCHER, CAVALRY, FOOTMAN
@@ -123,13 +122,12 @@ def draw_page(folder: Path) -> None:
     """Write the picture of a game against a trained agent in a browser."""
     write_game(folder, GAMES["deep_line_wars"], None, (), None)
     width, height = PAGE_SIZE
-    with make_server(folder) as server, sync_playwright() as started:
-        Thread(target=server.serve_forever, daemon=True).start()
+    with sync_playwright() as started:
         browser = started.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
         page = browser.new_page(viewport={"width": width, "height": height})
-        page.goto(f"http://127.0.0.1:{server.server_port}/?seed=5")
+        page.goto((folder / PAGE_FILE).as_uri() + "?seed=5")
         page.locator("#start:enabled").click()
         page.keyboard.press("p")
         for number in range(40):  # units, and a tower every ten steps
@@ -142,7 +140,6 @@ def draw_page(folder: Path) -> None:
         image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
         image.quantize(NUM_COLOURS).save(ROOT / "docs/images/browser_play.png", optimize=True)
         browser.close()
-        server.shutdown()
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ _LEARNING = {"policies", "replay", "generative", "checkpoint", "games"}
 MAY_IMPORT: dict[str, set[str]] = {
     **{room: set() for room in (*LEAVES, "games", "policies", "replay", "conf")},
     **{room: set() for room in ("league.ratings", "league.store")},
-    "browser": {"games"},
+    "browser": {"games", "viewer"},
     "generative": {"replay", "policies"},
     "checkpoint": {"policies"},
     "league.agents": {"games", "policies", "checkpoint", "league.store"},

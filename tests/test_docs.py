@@ -88,9 +88,3 @@ def test_the_table_says_where_to_change_what_the_issue_asks():
     page = (ROOT / "docs/architecture.md").read_text("utf-8")
     for question in ("a unit's price", "the loss", "how a rating is fitted", "what a report says"):
         assert f"| {question}" in page
-
-
-def test_the_site_loads_nothing_from_the_network():
-    settings = (ROOT / "mkdocs.yml").read_text("utf-8")
-    assert "font: false" in settings
-    assert not re.search(r"privacy|social|googleapis|extra_(javascript|css)", settings)

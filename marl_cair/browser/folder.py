@@ -1,12 +1,14 @@
-"""Writes the folder of static files with which a game is played in a browser."""
+"""Writes the page on which a game is played in a browser: one file, which opens from disk."""
 
 from __future__ import annotations
 
+import base64
 import dataclasses
 import json
-import shutil
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from string import Template
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -15,9 +17,10 @@ from marl_cair.browser.kernels import PICTURE, change_picture
 from marl_cair.browser.runtime import find_runtime
 from marl_cair.files import write_atomically
 from marl_cair.games.game import NO_CELL, Game, GameSpec
+from marl_cair.viewer.page import make_policy
 
-ABOUT_FILE, NETWORK_FILE, RULES_FILE = "game.json", "agent.onnx", "rules.wasm"
-_PAGE = Path(__file__).parent / "page"
+PAGE_FILE, NETWORK_FILE, RULES_FILE = "index.html", "agent.onnx", "rules.wasm"
+_PARTS = Path(__file__).parent / "page"
 # Kinds of action that the left and the right mouse button order where no tool is chosen.
 _POINTERS: Mapping[str, Mapping[str, str]] = {"deep_rts": {"left": "select", "right": "go"}}
 
@@ -48,7 +51,7 @@ def write_folder(
     opponent: Opponent,
     write_network: Callable[[Path], object] | None = None,
 ) -> None:
-    """Write the page, the rules and the opponent into `folder`, which is new, empty, or of an
+    """Write a page with the rules and the opponent into `folder`, which is new, empty, or of an
     earlier call.
 
     write_network: writes the ONNX file of an opponent that is a network; if it raises, nothing is
@@ -60,21 +63,33 @@ def write_folder(
         InstallError: onnxruntime-web is missing, which plays networks.
     """
     check_playable(game, scenario)
-    _check_folder(folder)
-    runtime = [] if opponent.bot else find_runtime()
+    if folder.is_dir() and {file.name for file in folder.iterdir()} - {PAGE_FILE}:
+        raise ValueError(f"{folder} holds other files than {PAGE_FILE}: give a new folder")
+    files = {} if opponent.bot else {file.name: file.read_bytes() for file in find_runtime()}
     representation = opponent.representation
     if opponent.bot:
         representation = game.bot(opponent.bot, scenario).representation
-    with TemporaryDirectory() as made:
-        if write_network is not None:  # before the minutes of compiling: it may refuse the network
+    if write_network is not None:  # before the minutes of compiling: it may refuse the network
+        with TemporaryDirectory() as made:
             write_network(Path(made) / NETWORK_FILE)
-        rules = load_rules(game, scenario, opponent.bot, representation)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / RULES_FILE, rules)
-        for file in (*sorted(_PAGE.iterdir()), *runtime, *Path(made).iterdir()):
-            shutil.copyfile(file, folder / file.name)
+            files[NETWORK_FILE] = (Path(made) / NETWORK_FILE).read_bytes()
+    files[RULES_FILE] = load_rules(game, scenario, opponent.bot, representation)
     about = describe_game(game, scenario_name, scenario, opponent, representation)
-    write_atomically(folder / ABOUT_FILE, json.dumps(about))
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / PAGE_FILE, make_page(about, files))
+
+
+def make_page(about: Mapping[str, Any], files: Mapping[str, bytes]) -> str:
+    """The page of a game that `describe_game` describes. `files`: by the names that it reads."""
+    packed = {name: base64.b64encode(zlib.compress(one, 9)).decode() for name, one in files.items()}
+    script = (_PARTS / "play.js").read_text("utf-8")  # built from viewer/play
+    # Only this script can make a blob: it starts onnxruntime-web so.
+    return Template((_PARTS / PAGE_FILE).read_text("utf-8")).substitute(
+        policy=make_policy(script, " 'wasm-unsafe-eval' blob:") + "; img-src data:",
+        style=(_PARTS / "style.css").read_text("utf-8"),
+        content=json.dumps({"game": about, "files": packed}).replace("<", "\\u003c"),
+        script=script,
+    )
 
 
 def check_playable(game: Game, scenario: Any) -> None:
@@ -90,11 +105,6 @@ def check_playable(game: Game, scenario: Any) -> None:
             f"{game.name}: actions of shape {spec.action_shape} cannot be given by hand: choose "
             "another action space, for example --set actions=unit"
         )
-
-
-def _check_folder(folder: Path) -> None:
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / ABOUT_FILE).is_file():
-        raise ValueError(f"{folder} holds other files and no {ABOUT_FILE}: give a new folder")
 
 
 def describe_game(

@@ -1,4 +1,4 @@
-"""Serves a folder of static files on loopback."""
+"""Serves the folder of a page on loopback."""
 
 from __future__ import annotations
 
@@ -11,17 +11,6 @@ LOOPBACK = "127.0.0.1"
 
 class _Files(SimpleHTTPRequestHandler):
     """The files of a folder; anything outside of it is not found."""
-
-    # Not what the machine's tables say: browsers refuse scripts and WebAssembly of other types.
-    extensions_map = {  # noqa: RUF012  # as the library has it
-        ".html": "text/html; charset=utf-8",
-        ".css": "text/css; charset=utf-8",
-        ".js": "text/javascript; charset=utf-8",
-        ".mjs": "text/javascript; charset=utf-8",
-        ".json": "application/json",
-        ".wasm": "application/wasm",
-        "": "application/octet-stream",
-    }
 
     def end_headers(self) -> None:
         self.send_header("Cache-Control", "no-cache")  # the folder may be written again

@@ -50,10 +50,10 @@ def read_script() -> str:
     return SCRIPT_FILE.read_text("utf-8")
 
 
-def make_policy() -> str:
-    """Content-Security-Policy of a page with the viewer: no other script, no network."""
-    digest = base64.b64encode(hashlib.sha256(read_script().encode()).digest()).decode()
-    return f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'"
+def make_policy(script: str, more: str = "") -> str:
+    """Content-Security-Policy of a page with this script and `more` sources: no network."""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return f"default-src 'none'; script-src 'sha256-{digest}'{more}; style-src 'unsafe-inline'"
 
 
 def make_element(game: str) -> str:
@@ -99,7 +99,7 @@ def write_viewer(
 def make_page(replay: Replay, game: str) -> str:
     """The page of a replay that `pack_game` has packed as `game`."""
     return _PAGE.format(
-        policy=make_policy(),
+        policy=make_policy(read_script()),
         title=html.escape(clean_text(" v ".join(replay.players))),
         element=make_element(game),
         script=read_script(),

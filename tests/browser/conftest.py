@@ -1,27 +1,21 @@
-"""Games in a real Chromium: a served folder of each game, and what the page's console says."""
+"""Games in a real Chromium: a page of each game, opened from disk, and what its console says."""
 
 from contextlib import contextmanager
 
 import pytest
 
-from marl_cair.browser.folder import Opponent, write_folder
-from marl_cair.browser.serving import make_server
+from marl_cair.browser.folder import PAGE_FILE, Opponent, write_folder
 from marl_cair.games import GAMES
-from tests.chromium import browser, serving, watched_page
+from tests.chromium import browser, watched_page
 
 __all__ = ["browser"]  # a fixture
 
 
-def serve(folder):
-    """The address at which a folder is served."""
-    return serving(make_server(folder))
-
-
 @contextmanager
-def open_page(browser, address, width=1280, scheme="light", search=""):
+def open_page(browser, folder, width=1280, scheme="light", search=""):
     """A page whose game is ready to start; an error on its console fails the test."""
     with watched_page(browser, width, scheme, height=900) as page:
-        page.goto(address + search)
+        page.goto((folder / PAGE_FILE).as_uri() + search)
         page.locator("#start:enabled, #start[hidden]").wait_for(state="attached", timeout=60_000)
         yield page
 

@@ -70,7 +70,7 @@ def test_flash_games_are_refused(tmp_path):
 
 def test_a_folder_with_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").touch()
-    with pytest.raises(ValueError, match="holds other files and no game.json: give a new folder"):
+    with pytest.raises(ValueError, match="holds other files than index.html: give a new folder"):
         write(tmp_path, "flappy_bird")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 

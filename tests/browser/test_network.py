@@ -14,7 +14,7 @@ from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.replays import hash_state
 from marl_cair.league.agents.load import load_agent
 from marl_cair.npm import InstallError
-from tests.browser.conftest import open_page, serve
+from tests.browser.conftest import open_page
 from tests.test_architecture import ROOT
 
 AGENT = str(ROOT / "agents" / "deep_line_wars_10x15")
@@ -57,10 +57,7 @@ def page_folder(tmp_path_factory):
 
 
 def test_a_network_on_the_page_plays_as_in_python(browser, page_folder):
-    with (
-        serve(page_folder) as address,
-        open_page(browser, address, search=f"?seed={SEED}") as page,
-    ):
+    with open_page(browser, page_folder, search=f"?seed={SEED}") as page:
         games = page.evaluate(PLAY, STEPS)
     game, agent = GAMES["deep_line_wars"], load_agent(AGENT)
     engine = BatchedEngine(game, game.scenario())

@@ -1,11 +1,16 @@
 """The page in a real browser: a person plays by mouse and keys, on a phone and a desk."""
 
 import json
+from contextlib import contextmanager
 
+import numpy as np
 import pytest
 
-from marl_cair.games import replays
-from tests.browser.conftest import open_page, serve
+from marl_cair.browser.folder import PAGE_FILE
+from marl_cair.games import GAMES, replays
+from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.replays import hash_state
+from tests.browser.conftest import open_page
 from tests.chromium import FIND_CONTRAST, READABLE
 
 WIDTHS = (360, 1280)
@@ -27,10 +32,7 @@ def step(page, times=1):
 
 @pytest.fixture
 def line_wars(browser, folders):
-    with (
-        serve(folders("deep_line_wars")) as address,
-        open_page(browser, address, search="?seed=5") as page,
-    ):
+    with open_page(browser, folders("deep_line_wars"), search="?seed=5") as page:
         page.click("#start")
         page.keyboard.press("p")
         step(page)
@@ -104,10 +106,7 @@ def test_a_game_ends_with_a_replay_file(line_wars, tmp_path):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", WIDTHS)
 def test_the_page_fits_the_screen(browser, folders, width, scheme):
-    with (
-        serve(folders("deep_line_wars")) as address,
-        open_page(browser, address, width, scheme) as page,
-    ):
+    with open_page(browser, folders("deep_line_wars"), width, scheme) as page:
         page.click("#start")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         sides = page.locator("#orders button, #time button").evaluate_all(
@@ -134,15 +133,14 @@ def test_the_board_has_whole_pixels(browser, folders, width, height, density, sh
     context = browser.new_context(
         viewport={"width": width, "height": height}, device_scale_factor=density
     )
-    with serve(folders("flappy_bird")) as address:
-        page = context.new_page()
-        page.goto(address)
-        page.locator("#start:enabled").wait_for()
-        page.wait_for_timeout(100)
-        box, style = page.locator("#board").evaluate(
-            "one => [one.getBoundingClientRect().width, one.style.imageRendering]"
-        )
-        room = page.evaluate("document.getElementById('stage').clientWidth")
+    page = context.new_page()
+    page.goto((folders("flappy_bird") / PAGE_FILE).as_uri())
+    page.locator("#start:enabled").wait_for()
+    page.wait_for_timeout(100)
+    box, style = page.locator("#board").evaluate(
+        "one => [one.getBoundingClientRect().width, one.style.imageRendering]"
+    )
+    room = page.evaluate("document.getElementById('stage').clientWidth")
     context.close()
     assert (round(box), style) == (shown or room, rendering)
 
@@ -166,10 +164,7 @@ def test_the_table_is_of_the_moment_that_the_board_shows(line_wars):
 
 
 def test_a_bird_flaps_by_space(browser, folders):
-    with (
-        serve(folders("flappy_bird")) as address,
-        open_page(browser, address, search="?seed=1&speed=0.25") as page,
-    ):
+    with open_page(browser, folders("flappy_bird"), search="?seed=1&speed=0.25") as page:
         assert page.inner_text("#result") == "Ready?"
         page.click("#start")
         page.keyboard.press("p")
@@ -182,10 +177,7 @@ def test_a_bird_flaps_by_space(browser, folders):
 
 
 def test_a_tap_on_the_picture_flaps(browser, folders):
-    with (
-        serve(folders("flappy_bird")) as address,
-        open_page(browser, address, search="?seed=1") as page,
-    ):
+    with open_page(browser, folders("flappy_bird"), search="?seed=1") as page:
         page.click("#start")
         page.keyboard.press("p")
         step(page)  # the first step cannot flap
@@ -194,22 +186,116 @@ def test_a_tap_on_the_picture_flaps(browser, folders):
         assert played(page)[-1] == 1
 
 
-def test_a_page_from_disk_names_what_serves_it(browser, folders):
+def test_a_browser_without_webassembly_is_told_so(browser, folders):
     page = browser.new_page()
-    page.goto((folders("flappy_bird") / "index.html").as_uri())
-    assert "marl-cair play --browser serves it" in page.inner_text("#cover")
-    assert page.locator("#start").is_disabled()
+    page.add_init_script("delete globalThis.WebAssembly")
+    page.goto((folders("flappy_bird") / PAGE_FILE).as_uri())
+    page.get_by_text("This game cannot be played here").wait_for()
+    assert "WebAssembly" in page.inner_text("#about")
+    assert not page.locator("#start").is_visible()
     page.close()
 
 
-def test_a_folder_without_its_rules_says_so(browser, folders, tmp_path):
-    source = folders("flappy_bird")
-    for file in source.iterdir():
-        if file.suffix != ".wasm":
-            (tmp_path / file.name).write_bytes(file.read_bytes())
-    with serve(tmp_path) as address:
-        page = browser.new_page()
-        page.goto(address)
-        page.get_by_text("rules.wasm: 404").wait_for()
-        assert page.inner_text("#result") == "This game cannot be played here"
-        page.close()
+# --- Deep Maze and Deep RTS: the same orders in Python -------------------------------------------
+
+
+@contextmanager
+def both(browser, folders, name):
+    """The page, paused, and an engine with the same game."""
+    game = GAMES[name]
+    engine = BatchedEngine(game, game.scenario())
+    engine.reset(5)
+    with open_page(browser, folders(name), search="?seed=5") as page:
+        page.click("#start")
+        page.keyboard.press("p")
+        step_both(page, engine)  # its action may have been chosen before the pause
+        yield page, engine
+
+
+def step_both(page, engine, times=1):
+    """Play single steps; returns the person's action of the last one."""
+    for _ in range(times):
+        step(page)
+        actions = page.evaluate("play.played.at(-1)")
+        engine.step(np.array([actions]))
+    return actions[0]
+
+
+def assert_same_state(page, engine):
+    assert page.evaluate("play.rules.hash()").startswith(hash_state(engine).hex())
+
+
+def test_a_maze_is_solved_by_arrow_keys(browser, folders):
+    with both(browser, folders, "deep_maze") as (page, engine):
+        guide = GAMES["deep_maze"].bot("oracle", engine.scenario)
+        while not engine.terminated[0]:
+            (action,) = guide.act(engine.observe(guide.representation)[0], engine.action_mask()[0])
+            page.keyboard.press(f"Arrow{engine.spec.action_names[action].capitalize()}")
+            assert step_both(page, engine) == action
+        assert page.inner_text("#result") == f"Score {page.inner_text('#score')}"
+        assert_same_state(page, engine)
+
+
+@pytest.fixture
+def rts(browser, folders):
+    with both(browser, folders, "deep_rts") as (page, engine):
+        yield page, engine
+
+
+def find_cells(engine, *names):
+    """The cells at which the person's planes of all these names are set."""
+    names_of_planes = engine.spec.representations["planes"].plane_names
+    planes = engine.observe("planes")[0, 0]
+    shown = [planes[names_of_planes.index(name)] > 0 for name in names]
+    return np.flatnonzero(np.logical_and.reduce(shown)).tolist()
+
+
+def find_action(engine, kind, cell):
+    spec = engine.spec
+    is_kind = spec.action_groups == spec.action_group_names.index(kind)
+    return np.flatnonzero(is_kind & (spec.action_cells == cell)).item()
+
+
+def click_cell(page, cell, button="left"):
+    row, column = divmod(cell, 15)  # the board is the whole picture
+    box = page.locator("#board").bounding_box()
+    side = box["width"] / 15
+    x, y = box["x"] + (column + 0.5) * side, box["y"] + (row + 0.5) * side
+    page.mouse.click(x, y, button=button)
+
+
+@pytest.mark.slow  # to compile the rules takes minutes
+def test_an_rts_unit_is_selected_by_a_click_and_sent_by_a_right_click(rts):
+    page, engine = rts
+    start = find_cells(engine, "own", "peasant")[0]
+    assert find_cells(engine, "selected") != [start]
+    click_cell(page, start)
+    assert step_both(page, engine) == find_action(engine, "select", start)
+    assert find_cells(engine, "selected") == [start]
+    goal = find_cells(engine, "desert")[0]
+    click_cell(page, goal, "right")
+    assert step_both(page, engine) == find_action(engine, "go", goal)
+    step_both(page, engine, 20)
+    peasants = find_cells(engine, "own", "peasant")
+    assert goal in peasants
+    assert start not in peasants
+    assert_same_state(page, engine)
+
+
+@pytest.mark.slow
+def test_an_rts_unit_is_selected_and_sent_by_keys(rts):
+    page, engine = rts
+
+    def press_key_of(kind):
+        button = page.locator("#orders button", has=page.get_by_text(kind, exact=True))
+        page.keyboard.press(button.locator("kbd").inner_text())
+
+    before = find_cells(engine, "selected")
+    press_key_of("next unit")
+    step_both(page, engine)
+    assert find_cells(engine, "selected") != before
+    press_key_of("go")  # the first legal cell is marked
+    for key in ("ArrowDown", "ArrowRight", "Enter"):
+        page.keyboard.press(key)
+    assert step_both(page, engine) == find_action(engine, "go", 16)
+    assert_same_state(page, engine)

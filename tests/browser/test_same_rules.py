@@ -7,14 +7,12 @@ import pytest
 
 from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
-from tests.browser.conftest import open_page, serve
+from tests.browser.conftest import open_page
 
 # Games of random legal actions, kinds first, so that a kind with many cells does not crowd out all
 # others; every tenth game is the bot's in all seats.
 PLAY = """async ([first, count]) => {
-  const { Rules } = await import("./rules.js");
-  const { actions, opponent } = await (await fetch("game.json")).json();
-  const rules = await Rules.load("rules.wasm");
+  const { rules, game: { actions, opponent } } = play;
   let word = first + 1;
   const draw = (limit) => {
     word = (Math.imul(word, 1664525) + 1013904223) >>> 0;
@@ -48,16 +46,23 @@ PLAY = """async ([first, count]) => {
   return games;
 }"""
 PICTURES = """async ([seed, actions, seat, names]) => {
-  const { Rules } = await import("./rules.js");
-  const rules = await Rules.load("rules.wasm");
+  const { rules } = play;
   rules.reset(seed);
   for (const chosen of actions) rules.step(chosen);
   const seen = names.map((name) => rules.observe(name, seat).slice());
   const hashes = await Promise.all(seen.map((one) => crypto.subtle.digest("SHA-256", one)));
   return hashes.map((one) => Array.from(new Uint8Array(one)));
 }"""
-QUICK, SLOW = 20, 1_000
-GAME_NAMES = ("deep_line_wars", "deep_maze", "deep_rts", "flappy_bird")
+QUICK = 20
+# Scenario and number of games.
+SLOW = {
+    "deep_line_wars": (None, 1_000),
+    "deep_maze": (None, 1_000),
+    "deep_rts": (None, 1_000),
+    "deep_rts-fog": ("1v1-15x15-fog", 100),
+    "deep_rts-six": ("FFA-6-15x15", 100),
+    "flappy_bird": (None, 1_000),
+}
 
 
 def hash_state(engine):
@@ -82,11 +87,11 @@ def check_game(game, engine, bot):
     assert hash_state(engine) == game["hash"], f"seed {game['seed']}"
 
 
-def check_games(browser, folder, name, num_games):
+def check_games(browser, folders, name, num_games, scenario_name=None):
     game = GAMES[name]
-    scenario = game.scenario()
+    scenario = game.scenario(scenario_name)
     engine, bot = BatchedEngine(game, scenario), game.bot([*game.bots][-1], scenario)
-    with serve(folder) as address, open_page(browser, address) as page:
+    with open_page(browser, folders(name, scenario_name)) as page:
         for first in range(0, num_games, QUICK):
             found = page.evaluate(PLAY, [first, QUICK])
             assert len(found) == QUICK
@@ -94,16 +99,17 @@ def check_games(browser, folder, name, num_games):
                 check_game(played, engine, bot)
 
 
-# All games: slow, below. To compile the others' rules takes minutes.
-@pytest.mark.parametrize("name", ["deep_line_wars", "flappy_bird"])
+# All games: slow, below. To compile the rules of Deep RTS takes minutes.
+@pytest.mark.parametrize("name", ["deep_line_wars", "deep_maze", "flappy_bird"])
 def test_games_end_in_the_state_of_python(browser, folders, name):
-    check_games(browser, folders(name), name, QUICK)
+    check_games(browser, folders, name, QUICK)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", GAME_NAMES)
-def test_a_thousand_games_end_in_the_state_of_python(browser, folders, name):
-    check_games(browser, folders(name), name, SLOW)
+@pytest.mark.parametrize("case", SLOW)
+def test_a_thousand_games_end_in_the_state_of_python(browser, folders, case):
+    scenario, num_games = SLOW[case]
+    check_games(browser, folders, case.partition("-")[0], num_games, scenario)
 
 
 def test_the_picture_is_that_of_python(browser, folders):
@@ -116,7 +122,7 @@ def test_the_picture_is_that_of_python(browser, folders):
         chosen = bot.act(engine.observe("planes")[0], engine.action_mask()[0])
         actions.append(chosen.tolist())
         engine.step(chosen[None])
-    with serve(folders(game.name)) as address, open_page(browser, address) as page:
+    with open_page(browser, folders(game.name)) as page:
         for seat in range(engine.num_players):
             seen = page.evaluate(PICTURES, [3, actions, seat, ["picture", "vector"]])
             for found, shown in zip(seen, ("image", "vector"), strict=True):
@@ -126,8 +132,7 @@ def test_the_picture_is_that_of_python(browser, folders):
 
 def test_the_state_between_two_steps_is_shown_and_forgotten(browser, folders):
     look = """async () => {
-      const { Rules } = await import("./rules.js");
-      const rules = await Rules.load("rules.wasm");
+      const { rules } = play;
       rules.reset(1);
       rules.step([1, 1]);
       const hash = await rules.hash();
@@ -136,7 +141,7 @@ def test_the_state_between_two_steps_is_shown_and_forgotten(browser, folders):
       rules.step([0, 0]);
       return [isKept, pictures, rules.observe("picture", 0).join()];
     }"""
-    with serve(folders("deep_line_wars")) as address, open_page(browser, address) as page:
+    with open_page(browser, folders("deep_line_wars")) as page:
         is_kept, (first, middle, last), after = page.evaluate(look)
     assert is_kept
     assert len({first, middle, last}) == 3

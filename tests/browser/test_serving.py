@@ -1,11 +1,12 @@
-"""The server gives the folder's files with their types, on loopback, and nothing else."""
+"""The server gives the folder's files on loopback, and nothing else."""
 
 import http.client
 
 import pytest
 
+from marl_cair.browser.folder import PAGE_FILE
 from marl_cair.browser.serving import make_server
-from tests.browser.conftest import serve
+from tests.chromium import serving, watched_page
 
 
 def ask(address, path):
@@ -18,28 +19,19 @@ def ask(address, path):
     return answer
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        ("rules.wasm", "application/wasm"),
-        ("play.js", "text/javascript; charset=utf-8"),
-        ("ort.mjs", "text/javascript; charset=utf-8"),
-        ("agent.onnx", "application/octet-stream"),
-    ],
-)
-def test_files_have_the_types_that_browsers_ask_for(tmp_path, name, kind):
-    (tmp_path / name).write_bytes(b"content")
-    with serve(tmp_path) as address:
-        answer = ask(address, f"/{name}")
+def test_the_page_is_served_at_the_address(tmp_path):
+    (tmp_path / PAGE_FILE).write_bytes(b"content")
+    with serving(make_server(tmp_path)) as address:
+        answer = ask(address, "/")
     assert (answer.status, answer.content) == (200, b"content")
-    assert answer.headers["Content-Type"] == kind
+    assert answer.headers["Content-Type"] == "text/html"
 
 
 @pytest.mark.parametrize("path", ["/../secret", "/..%2fsecret", "//../secret", "/a/../../secret"])
 def test_nothing_outside_of_the_folder_is_served(tmp_path, path):
     (tmp_path / "secret").write_text("secret")
     (tmp_path / "page").mkdir()
-    with serve(tmp_path / "page") as address:
+    with serving(make_server(tmp_path / "page")) as address:
         answer = ask(address, path)
     assert answer.status == 404
     assert b"secret" not in answer.content.replace(path.encode(), b"")
@@ -53,3 +45,12 @@ def test_only_this_machine_is_served(tmp_path):
 def test_a_port_that_is_taken_is_an_error(tmp_path):
     with make_server(tmp_path) as server, pytest.raises(OSError, match="in use"):
         make_server(tmp_path, server.server_port)
+
+
+def test_the_served_page_plays(browser, folders):
+    folder = folders("flappy_bird")
+    with serving(make_server(folder)) as address, watched_page(browser) as page:
+        page.goto(address)
+        page.locator("#start:enabled").wait_for(timeout=60_000)
+        page.evaluate("play.stepOnce()")
+        assert page.evaluate("play.played.length") == 1

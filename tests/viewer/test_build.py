@@ -1,4 +1,4 @@
-"""The script that ships is what its source builds, and its types are right."""
+"""The scripts that ship are what their source builds, and their types are right."""
 
 import os
 import shutil
@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from marl_cair.viewer.page import SCRIPT_FILE
-
-SOURCE = Path(__file__).resolve().parents[2] / "viewer"
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = ROOT / "viewer"
+SCRIPTS = "viewer/viewer.js", "browser/page/play.js"
 
 
 def test_source_builds_the_same_bytes(tmp_path):
@@ -18,11 +18,11 @@ def test_source_builds_the_same_bytes(tmp_path):
     source = shutil.copytree(
         SOURCE, tmp_path / "viewer", ignore=shutil.ignore_patterns("node_modules")
     )
-    built = tmp_path / "viewer.js"
     for words in (
         ["ci", "--no-audit", "--no-fund"],
         ["run", "check"],
-        ["run", "bundle", "--", f"--outfile={built}"],
+        ["run", "bundle", "--", f"--outdir={tmp_path}"],
     ):
         subprocess.run(["npm", *words], cwd=source, check=True)
-    assert built.read_bytes() == SCRIPT_FILE.read_bytes()
+    for script in SCRIPTS:
+        assert (tmp_path / script).read_bytes() == (ROOT / "marl_cair" / script).read_bytes()

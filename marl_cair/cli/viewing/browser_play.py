@@ -1,4 +1,4 @@
-"""`marl-cair play GAME --browser`: write a game as static files and serve them on loopback."""
+"""`marl-cair play GAME --browser`: write a game as a page and serve it on loopback."""
 
 from __future__ import annotations
 
@@ -35,11 +35,13 @@ def run(arguments: Sequence[str]) -> int:
         sys.stdout.write(f"onnxruntime-web is in {install_runtime()}\n")
         return EXIT_DONE
     options = make_parser().parse_args(arguments)
+    from marl_cair.browser.folder import PAGE_FILE
+
     folder = Path(options.out or f"runs/play_{options.game}")
     game = find_by_name("game", options.game, GAMES)
     write_game(folder, game, options.scenario, options.fields, options.opponent)
     if options.no_server:
-        sys.stdout.write(f"{folder} holds the page: any web server can serve it\n")
+        sys.stdout.write(f"{folder / PAGE_FILE} is the game: open it in a browser\n")
         return EXIT_DONE
     return serve(folder, options.port)
 
@@ -149,6 +151,6 @@ def make_parser() -> Parser:
     parser.add_argument("--out", metavar="FOLDER", help="folder to write (default: runs/play_GAME)")
     parser.add_argument("--port", type=int, default=0, help="to serve on (default: a free one)")
     parser.add_argument(
-        "--no-server", action="store_true", help="write the folder only: any host can serve it"
+        "--no-server", action="store_true", help="write the page only: it opens from disk"
     )
     return parser

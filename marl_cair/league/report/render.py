@@ -32,7 +32,7 @@ def render_html(report: Report) -> str:
         report=report,
         draw=lambda chart: Markup(make_svg(report, chart, CHART_LABEL)),  # noqa: S704
         max_open_items=MAX_OPEN_ITEMS,
-        policy=make_policy(),
+        policy=make_policy(read_script()),
         viewer=Markup(read_script()),  # noqa: S704  (our own, and its hash is in the policy)
     )
 

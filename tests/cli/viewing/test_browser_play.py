@@ -32,7 +32,7 @@ def test_a_bot_plays_the_scenario_of_the_options(written, capsys):
     assert play(*words, "--set", "max_ticks=500") == EXIT_DONE
     ((name, scenario, opponent),) = written
     assert (name, scenario.rows, scenario.max_ticks, opponent.bot) == ("11x11", 11, 500, "rusher")
-    assert "runs/play_deep_line_wars holds the page" in capsys.readouterr().out
+    assert "runs/play_deep_line_wars/index.html" in capsys.readouterr().out
 
 
 def test_the_trained_agent_of_the_repository_plays_its_scenario(written):

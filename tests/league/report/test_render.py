@@ -291,7 +291,7 @@ def test_games_are_within_the_page_and_named_in_the_markdown(tmp_path):
     html = render_html(report)
     assert html.count(make_element('{"title":"<b>"}')) == 1
     assert read_script() in html
-    assert make_policy() in html.replace("&#39;", "'")
+    assert make_policy(read_script()) in html.replace("&#39;", "'")
     assert "It differs." in Page(html).text["replays"]
     assert "[Play Best](replays/a.html)" in render_markdown(report)
 

@@ -1,7 +1,8 @@
 // The other seats: a bot that is compiled with the rules, or a network that onnxruntime-web runs.
 
-export async function loadOpponent(rules, about) {
-  return about.kind === "bot" ? new Bot(rules, about) : Network.load(rules, about);
+// readFile: gives the bytes of a file in the page, by its name.
+export async function loadOpponent(rules, about, readFile) {
+  return about.kind === "bot" ? new Bot(rules, about) : Network.load(rules, about, readFile);
 }
 
 class Bot {
@@ -23,13 +24,12 @@ class Bot {
 }
 
 class Network {
-  static async load(rules, about) {
-    const runtime = await import("./ort.wasm.bundle.min.mjs");
+  static async load(rules, about, readFile) {
+    const script = new Blob([await readFile("ort.wasm.bundle.min.mjs")], { type: "text/javascript" });
+    const runtime = await import(URL.createObjectURL(script));
     runtime.env.wasm.numThreads = 1; // more need headers that static hosts do not send
-    runtime.env.wasm.wasmPaths = {
-      wasm: new URL("ort-wasm-simd-threaded.wasm", import.meta.url).href,
-    };
-    const session = await runtime.InferenceSession.create("agent.onnx");
+    runtime.env.wasm.wasmBinary = await readFile("ort-wasm-simd-threaded.wasm");
+    const session = await runtime.InferenceSession.create(await readFile("agent.onnx"));
     return new Network(rules, about, runtime, session);
   }
 

@@ -9,11 +9,9 @@ const NOTE = "marl_cair"; // the module's section that lists its arrays
 const NO_WINNER = -1;
 
 export class Rules {
-  // Fetches and starts rules.wasm.
-  static async load(address) {
-    const answer = await fetch(address);
-    if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
-    const module = await WebAssembly.compile(await answer.arrayBuffer());
+  // Starts the module that `marl_cair.browser` has compiled.
+  static async load(code) {
+    const module = await WebAssembly.compile(code);
     const note = WebAssembly.Module.customSections(module, NOTE)[0];
     return new Rules(module, JSON.parse(new TextDecoder().decode(note)));
   }

@@ -13,6 +13,8 @@ from mkdocs.structure.files import File
 
 from marl_cair.cli.viewing.browser_play import write_game
 from marl_cair.games import GAMES as PLAYABLE
+from marl_cair.games.compiled import cache_root
+from marl_cair.npm import Package, install_package
 
 ROOT = Path(__file__).resolve().parents[1]
 GAMES = sorted(path.parent.name for path in ROOT.glob("marl_cair/games/*/README.md"))
@@ -39,12 +41,22 @@ addEventListener("message", ({ source, data }) => {
 });
 </script>
 """
+# What search needs in pages from disk; the plugin `offline` would load it from unpkg.com.
+SEARCH = Package(
+    name="iframe-worker",
+    version="1.0.4",
+    sha512="roeaaI+Lg1LJNfgpCjoRe/+WzEjy9+Z08LoEvu85MCPbBjwm+qXz8Ag5U05lHa6V1CysZyGzE0SOkAtSUA5q7Q==",
+    files=("LICENSE", "shim/index.js"),
+)
 # A picture's or link's target; code in backticks is left alone.
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages that lie outside docs/."""
+    """Add the pages that lie outside docs/, and the script of search."""
+    folder = install_package(SEARCH, cache_root() / f"{SEARCH.name}-{SEARCH.version}")
+    script = (folder / "index.js").read_text("utf-8")
+    files.append(File.generated(config, "iframe-worker.js", content=script))
     for source, target in PAGES.items():
         text = (ROOT / source).read_text("utf-8")
         files.append(File.generated(config, target, content=text))

@@ -61,7 +61,7 @@ def send_soldiers(window: Window) -> None:
     if not isinstance(control, RtsControls):
         raise TypeError(f"{control} gives no orders to units")
     bot = GAMES["deep_rts"].bot("mixed", session.scenario)
-    for step in range(1_900):
+    for step in range(1_250):
         orders = {}
         if step % session.steps_per_decision == 0:
             seen = session.engine.observe(bot.representation)[:, 0]

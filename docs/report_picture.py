@@ -12,27 +12,31 @@ from pathlib import Path
 from typing import Literal
 
 from PIL import Image
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 PICTURE = Path(__file__).parent / "images" / "league_report.png"
-DESK, PHONE = 960, 380  # pixels wide
-HEIGHT, GAP, NUM_COLOURS = 1460, 24, 128
+DESK, PHONE = 960, 400  # pixels wide
+MARGIN, GAP, NUM_COLOURS = 24, 24, 200
+EDGES = "e => [e.getBoundingClientRect().top + scrollY, e.getBoundingClientRect().bottom + scrollY]"
 
 
-def shoot(
-    browser: Browser, path: Path, width: int, scheme: Literal["light", "dark"], start: str = ""
-) -> Image.Image:
-    """The page from the section `start` on (default: the top)."""
-    page = browser.new_page(viewport={"width": width, "height": HEIGHT}, color_scheme=scheme)
+def open_report(browser: Browser, path: Path, width: int, scheme: Literal["light", "dark"]) -> Page:
+    """The page at a width, in a colour scheme."""
+    page = browser.new_page(viewport={"width": width, "height": 1000}, color_scheme=scheme)
     page.goto(path.absolute().as_uri())
-    if start:
-        section = page.locator(f"[data-key={start}]")
-        section.evaluate("e => e.scrollIntoView({behavior: 'instant'})")
-    return Image.open(io.BytesIO(page.screenshot()))
+    return page
+
+
+def shoot(page: Page, first: str, last: str, height: int = 0) -> Image.Image:
+    """The page from the start of an element to the end of another one, or `height` pixels of it."""
+    (top, _), (_, bottom) = (page.locator(name).first.evaluate(EDGES) for name in (first, last))
+    image = Image.open(io.BytesIO(page.screenshot(full_page=True)))
+    start = max(0, round(top) - MARGIN)
+    return image.crop((0, start, image.width, start + height if height else round(bottom) + MARGIN))
 
 
 def main() -> None:
-    """Put a desk in light and a phone in dark side by side."""
+    """Put a desk in light (ladder, matrix) and a phone in dark (a game) side by side."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     path = parser.parse_args().folder / "report.html"
@@ -40,12 +44,19 @@ def main() -> None:
         browser = started.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
-        desk = shoot(browser, path, DESK, "light")
-        phone = shoot(browser, path, PHONE, "dark", "matrix")
+        desk = open_report(browser, path, DESK, "light")
+        ladder = shoot(desk, "body", "[data-key=ladder]")
+        matrix = shoot(desk, "[data-key=matrix]", "[data-key=matrix] svg")
+        height = ladder.height + matrix.height
+        phone = open_report(browser, path, PHONE, "dark")
+        for _ in range(6):
+            phone.get_by_role("slider").first.press("PageUp")  # where there is more to see
+        game = shoot(phone, "[data-key=replays] h3", "body", height)
         browser.close()
-    picture = Image.new("RGB", (DESK + GAP + PHONE, HEIGHT), "white")
-    picture.paste(desk, (0, 0))
-    picture.paste(phone, (DESK + GAP, 0))
+    picture = Image.new("RGB", (DESK + GAP + PHONE, height), "white")
+    picture.paste(ladder, (0, 0))
+    picture.paste(matrix, (0, ladder.height))
+    picture.paste(game, (DESK + GAP, 0))
     picture.quantize(NUM_COLOURS).save(PICTURE, optimize=True)
 
 

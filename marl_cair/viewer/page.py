@@ -18,6 +18,7 @@ from marl_cair.text import clean_text
 from marl_cair.viewer.game_data import MAX_BYTES, pack_game
 
 SCRIPT_FILE = Path(__file__).with_name("viewer.js")  # built from viewer/
+_THEME_FILE = Path(__file__).with_name("theme.css")
 _BEFORE, _AFTER = '<div class="mc-replay"><script type="application/json">', "</script></div>"
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -28,9 +29,8 @@ _PAGE = """<!doctype html>
 <meta http-equiv="Content-Security-Policy" content="{policy}">
 <title>{title}</title>
 <style>
-:root {{ color-scheme: light dark; }}
-body {{ margin: 0; background: #fbfbf9; }}
-@media (prefers-color-scheme: dark) {{ body {{ background: #121417; }} }}
+{theme}
+body {{ margin: 0; background: var(--page); }}
 main {{ max-width: 78rem; margin: 0 auto; padding: clamp(.6rem, 2vw, 1.5rem); }}
 </style>
 </head>
@@ -42,6 +42,12 @@ main {{ max-width: 78rem; margin: 0 auto; padding: clamp(.6rem, 2vw, 1.5rem); }}
 </body>
 </html>
 """
+
+
+@cache
+def read_theme() -> str:
+    """The colours of pages as CSS; the viewer takes them from its page."""
+    return _THEME_FILE.read_text("utf-8")
 
 
 @cache
@@ -103,4 +109,5 @@ def make_page(replay: Replay, game: str) -> str:
         title=html.escape(clean_text(" v ".join(replay.players))),
         element=make_element(game),
         script=read_script(),
+        theme=read_theme(),
     )

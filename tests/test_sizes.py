@@ -16,7 +16,7 @@ MAX_LINES = {
     "league": 8_030,
     "training": 7_440,
     "experiments": 1_635,
-    "viewer": 730,
+    "viewer": 725,
     "window": 2_445,
     "browser": 950,
     "dashboard": 305,

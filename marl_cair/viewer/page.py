@@ -18,7 +18,6 @@ from marl_cair.text import clean_text
 from marl_cair.viewer.game_data import MAX_BYTES, pack_game
 
 SCRIPT_FILE = Path(__file__).with_name("viewer.js")  # built from viewer/
-_THEME_FILE = Path(__file__).with_name("theme.css")
 _BEFORE, _AFTER = '<div class="mc-replay"><script type="application/json">', "</script></div>"
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -28,8 +27,7 @@ _PAGE = """<!doctype html>
 <meta name="color-scheme" content="light dark">
 <meta http-equiv="Content-Security-Policy" content="{policy}">
 <title>{title}</title>
-<style>
-{theme}
+<style>{theme}
 body {{ margin: 0; background: var(--page); }}
 main {{ max-width: 78rem; margin: 0 auto; padding: clamp(.6rem, 2vw, 1.5rem); }}
 </style>
@@ -44,10 +42,9 @@ main {{ max-width: 78rem; margin: 0 auto; padding: clamp(.6rem, 2vw, 1.5rem); }}
 """
 
 
-@cache
 def read_theme() -> str:
     """The colours of pages as CSS; the viewer takes them from its page."""
-    return _THEME_FILE.read_text("utf-8")
+    return Path(__file__).with_name("theme.css").read_text("utf-8")
 
 
 @cache

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.league.agents.load import load_agent
-from marl_cair.league.play.film import Size, shrink, write_film
+from marl_cair.league.play.film import write_gif
 from marl_cair.league.play.match import record_game
 from marl_cair.lookup import find_by_name
 from marl_cair.training.demo import film_win
@@ -40,6 +40,11 @@ class Scene(NamedTuple):
     representation: str | None = None  # what the seat observes, in place of the picture
     seed: int = 0
 
+    def describe(self) -> str:
+        """The title of the picture."""
+        players = f": {' v '.join(self.bots)}" if len(self.bots) == 2 else ""
+        return self.representation or f"{self.scenario}{players}"
+
 
 class Gallery(NamedTuple):
     """Scenes of a game side by side."""
@@ -52,7 +57,7 @@ class Gallery(NamedTuple):
 GALLERIES = {
     "deep_line_wars": Gallery(
         1,
-        (15, 5.9),
+        (15, 6.2),
         (
             Scene("10x15", ("turtle", "rusher"), 90),
             Scene("10x15", ("counter", "zigzag"), 150),
@@ -62,11 +67,11 @@ GALLERIES = {
         2,
         (15, 10.6),
         (
-            Scene("1v1-15x15", ("turtle", "rusher"), 260),
+            Scene("1v1-15x15", ("turtle", "rusher"), 190),
             Scene(
                 "FFA-6-31x31",
                 ("mixed", "rusher", "boomer", "archers", "turtle", "economist"),
-                420,
+                300,
             ),
             Scene("Skirmish-31x31-fog", ("rusher", "archers"), 45, 0),
             Scene("LavaMaze-31x31", ("economist",), 60),
@@ -117,7 +122,7 @@ class Film(NamedTuple):
     parts: tuple[range, ...]
 
 
-FILM = Size(200, 360, 128, 130)  # about as quick as the game
+FPS = 8  # of films: about as quick as the game
 FILMS = {
     "deep_rts": (Film(Scene("1v1-15x15", ("mixed", "turtle"), 500, seed=1), (range(500),)),),
     "flash": (
@@ -170,20 +175,20 @@ def draw_gallery(game: str) -> None:
         # A square observation of a game that is taller is shown as it was before it was shrunk.
         shape: dict[str, Any] = {} if scene.representation is None else {"aspect": 512 / 288}
         axis.imshow(show(scene, game), interpolation="none", cmap="gray", vmin=0, vmax=255, **shape)
-        axis.set_title(scene.representation or scene.scenario, fontsize=15)
+        axis.set_title(scene.describe(), fontsize=15)
         axis.axis("off")
-    figure.savefig(IMAGES / f"{game}.png", dpi=90)
+    figure.savefig(IMAGES / f"{game}.png", dpi=90, bbox_inches="tight", pad_inches=0.05)
     plt.close(figure)
 
 
 def draw_film(film: Film, game: str) -> None:
     """Draw every second decision of the parts of a film, as images/<scenario>.gif."""
-    images = [
-        shrink(engine.render(0), FILM.width)
+    frames = (
+        engine.render(0)
         for number, engine in enumerate(play(film.scene, game))
         if number % 2 == 0 and any(number in part for part in film.parts)
-    ]
-    write_film(IMAGES / f"{film.scene.scenario}.gif", images, FILM)
+    )
+    write_gif(IMAGES / f"{film.scene.scenario}.gif", frames, FPS)
 
 
 def write_game(agent: str, opponent: str, game: str, scenario: str, seed: int, path: Path) -> None:

@@ -15,19 +15,18 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 import numpy as np
 import pygame
-from PIL import Image
 
 from marl_cair import load_agent
 from marl_cair.games import GAMES
 from marl_cair.games.game import NO_CELL
-from marl_cair.league.play.film import Size, write_film
+from marl_cair.league.play.film import Frame, write_gif
 from marl_cair.window.session import Session
 from marl_cair.window.window import Window
 
 ROOT = Path(__file__).resolve().parents[1]
 GAME, SCENARIO, OPPONENT, BOT = "deep_line_wars", "10x15", "deep_line_wars_10x15", "economist"
 SIZE, EVERY = (1144, 664), 6  # the window, in which the board fits; ticks between frames
-FILM = Size(76, SIZE[0], 128, 120)  # the first 42 seconds of the game, in nine
+NUM_FRAMES, FPS = 76, 8  # the first 42 seconds of the game, in nine
 KEYS = {"buy_militia": "1", "buy_footman": "2", "buy_grunt": "3", "buy_armoured_grunt": "4",
         "build_basic": "5", "build_fast": "6", "build_faster": "7"}  # fmt: skip
 ARROW = ((0, 0), (0, 16), (4, 12), (7, 18), (9, 17), (6, 11), (11, 11))  # pixels from the pointer
@@ -39,11 +38,10 @@ def main() -> None:
     opponent = load_agent(str(ROOT / "agents" / OPPONENT), GAME, chosen)
     session = Session(GAMES[GAME], chosen, [None, opponent])
     window = Window(session, pygame.Surface(SIZE), threaded=False)
-    frames = list(islice(play(window), FILM.max_frames))
-    write_film(ROOT / "docs/images/play.gif", frames, FILM)
+    write_gif(ROOT / "docs/images/play.gif", islice(play(window), NUM_FRAMES), FPS)
 
 
-def play(window: Window) -> Iterator[Image.Image]:
+def play(window: Window) -> Iterator[Frame]:
     """Play the game; yields the window at each click and after each EVERY ticks."""
     window.draw()  # lays the parts out
     session, spec, pointer = window.session, window.session.spec, (400, 300)
@@ -83,14 +81,14 @@ def click(window: Window, pixel: tuple[int, int]) -> None:
         window.handle(pygame.event.Event(kind, pos=pixel, button=1))
 
 
-def take_picture(window: Window, pointer: tuple[int, int]) -> Image.Image:
+def take_picture(window: Window, pointer: tuple[int, int]) -> Frame:
     """The window with the pointer of the mouse, which pygame leaves to the system."""
     window.draw()
     surface = window.surface.copy()
     corners = [(pointer[0] + x, pointer[1] + y) for x, y in ARROW]
     pygame.draw.polygon(surface, "white", corners)
     pygame.draw.polygon(surface, "black", corners, 1)
-    return Image.fromarray(np.ascontiguousarray(pygame.surfarray.array3d(surface).swapaxes(0, 1)))
+    return np.ascontiguousarray(pygame.surfarray.array3d(surface).swapaxes(0, 1))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Draws the pictures of docs/play.md and docs/browser.md: `python -m docs.play_pictures`.
+"""Draws pictures of games that people play: `python -m docs.play_pictures [NAME ...]`.
 
-Needs chromium, and the extras `dev` and `play`.
+They are those of docs/play.md and docs/browser.md. Needs chromium, and the extras `dev` and `play`.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import os
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,9 +31,11 @@ from marl_cair.window.session import Session
 from marl_cair.window.window import Window
 
 ROOT = Path(__file__).resolve().parents[1]
-SIZE = (1280, 800)
-PAGE_SIZE, NUM_COLOURS = (1280, 960), 128
+SIZE, SIX_SIZE = (1280, 800), (1280, 1000)  # of windows: all of a board of six fits
+PACE_FPS, PACE_SECONDS = 60, 4
+PAGE, PAGE_SIZE, NUM_COLOURS = "browser_play", (1280, 960), 128
 BOARD_COLUMNS = 15  # of 10x15
+SIX_BOTS = ("mixed", "rusher", "boomer", "archers", "turtle", "economist")
 SOLDIERS = (FOOTMAN, ARCHER, CAVALRY)
 
 
@@ -57,7 +60,7 @@ def send_soldiers(window: Window) -> None:
     if not isinstance(control, RtsControls):
         raise TypeError(f"{control} gives no orders to units")
     bot = GAMES["deep_rts"].bot("mixed", session.scenario)
-    for step in range(1_900):
+    for step in range(1_250):
         orders = {}
         if step % session.steps_per_decision == 0:
             seen = session.engine.observe(bot.representation)[:, 0]
@@ -83,33 +86,49 @@ PICTURES: dict[str, tuple[str, str, tuple[str, ...], Callable[[Window], object]]
         lambda window: wait(window, 900),
     ),
     "watch_six": (
-        *("deep_rts", "FFA-6-31x31", ("mixed",) * 6),
+        *("deep_rts", "FFA-6-31x31", SIX_BOTS),
         lambda window: wait(window, 2_000),
     ),
 }
 
 
 def main() -> None:
-    """Write all pictures to docs/images."""
-    draw_windows()
-    with TemporaryDirectory() as folder:
-        draw_page(Path(folder) / "page")
-
-
-def draw_windows() -> None:
-    """Write the pictures of the window."""
+    """Write the named pictures to docs/images, or all."""
+    names = sys.argv[1:] or [*PICTURES, PAGE]
     pygame.display.init()
-    for name, (game, scenario, players, play) in PICTURES.items():
-        chosen = GAMES[game].scenario(scenario)
-        agents: list[Agent | None] = [
-            load_agent(source, game, chosen) if source else None for source in players
-        ]
-        session = Session(GAMES[game], chosen, agents)
-        window = Window(session, pygame.Surface(SIZE), threaded=False)
+    for name in names:
+        if name == PAGE:
+            with TemporaryDirectory() as folder:
+                draw_page(Path(folder) / "page")
+        else:
+            draw_window(name)
+
+
+def draw_window(name: str) -> None:
+    """Write a picture of the window."""
+    game, scenario, players, play = PICTURES[name]
+    chosen = GAMES[game].scenario(scenario)
+    agents: list[Agent | None] = [
+        load_agent(source, game, chosen) if source else None for source in players
+    ]
+    surface = pygame.Surface(SIX_SIZE if players == SIX_BOTS else SIZE)
+    window = Window(Session(GAMES[game], chosen, agents), surface)
+    show_pace(window)
+    play(window)
+    window.scene.draw()
+    pygame.image.save(window.surface, ROOT / f"docs/images/{name}.png")
+    window.shut_down()
+
+
+def show_pace(window: Window) -> None:
+    """Run the window for some seconds, for its graphs of frames and ticks per second."""
+    window.shown["pause"] = False
+    clock = pygame.time.Clock()
+    for _ in range(PACE_FPS * PACE_SECONDS):
+        window.update(1 / PACE_FPS)
         window.draw()
-        play(window)
-        window.scene.draw()
-        pygame.image.save(window.surface, ROOT / f"docs/images/{name}.png")
+        clock.tick(PACE_FPS)
+    window.finish_job()
 
 
 def wait(window: Window, steps: int) -> None:
@@ -138,7 +157,7 @@ def draw_page(folder: Path) -> None:
             page.evaluate("play.stepOnce()")
         page.keyboard.press("6")
         image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-        image.quantize(NUM_COLOURS).save(ROOT / "docs/images/browser_play.png", optimize=True)
+        image.quantize(NUM_COLOURS).save(ROOT / f"docs/images/{PAGE}.png", optimize=True)
         browser.close()
 
 

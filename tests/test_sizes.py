@@ -13,7 +13,7 @@ MAX_LINES = {
     "replay": 2_290,
     "generative": 2_960,
     "self_play": 1_035,
-    "league": 8_070,
+    "league": 8_030,
     "training": 7_440,
     "experiments": 1_640,
     "viewer": 725,

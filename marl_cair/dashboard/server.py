@@ -17,7 +17,7 @@ from marl_cair.dashboard.runs import FILES, RunReader, list_files, read_runs
 from marl_cair.files import write_atomically
 from marl_cair.games.replays import read_replay
 from marl_cair.viewer.game_data import pack_game
-from marl_cair.viewer.page import make_page
+from marl_cair.viewer.page import make_page, read_theme
 
 HOST = "127.0.0.1"
 _PAGE = Path(__file__).with_name("page.html")
@@ -127,7 +127,7 @@ def _make_page(data: Mapping[str, Any] | None, script: str | None) -> str:
     """
     text = json.dumps(data).replace("<", "\\u003c")  # no script begins or ends inside of one
     plotly = f'<script src="{script}"></script>' if script else f"<script>{read_plotly()}</script>"
-    page = _PAGE.read_text("utf-8")
+    page = _PAGE.read_text("utf-8").replace("/* theme */", read_theme())
     return page.replace("<!-- plotly -->", plotly).replace("/* data */ null", text)
 
 

@@ -27,10 +27,8 @@ _PAGE = """<!doctype html>
 <meta name="color-scheme" content="light dark">
 <meta http-equiv="Content-Security-Policy" content="{policy}">
 <title>{title}</title>
-<style>
-:root {{ color-scheme: light dark; }}
-body {{ margin: 0; background: #fbfbf9; }}
-@media (prefers-color-scheme: dark) {{ body {{ background: #121417; }} }}
+<style>{theme}
+body {{ margin: 0; background: var(--page); }}
 main {{ max-width: 78rem; margin: 0 auto; padding: clamp(.6rem, 2vw, 1.5rem); }}
 </style>
 </head>
@@ -42,6 +40,11 @@ main {{ max-width: 78rem; margin: 0 auto; padding: clamp(.6rem, 2vw, 1.5rem); }}
 </body>
 </html>
 """
+
+
+def read_theme() -> str:
+    """The colours of pages as CSS; the viewer takes them from its page."""
+    return Path(__file__).with_name("theme.css").read_text("utf-8")
 
 
 @cache
@@ -103,4 +106,5 @@ def make_page(replay: Replay, game: str) -> str:
         title=html.escape(clean_text(" v ".join(replay.players))),
         element=make_element(game),
         script=read_script(),
+        theme=read_theme(),
     )

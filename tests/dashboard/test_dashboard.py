@@ -216,6 +216,34 @@ def test_the_page_follows_the_runs(browser, runs, width, scheme):
         assert page.locator("img").evaluate("image => image.naturalWidth") == 8
 
 
+PLOTTED = """() => Object.fromEntries([...document.querySelectorAll(".js-plotly-plot")].flatMap(
+  chart => chart.data.map(t => [`${chart.layout.title.text}/${t.name ?? "band"}`, [t.x, t.y]])))"""
+
+
+@need_browser
+def test_the_charts_plot_the_numbers_of_the_logs(browser, runs):
+    steps = [500.0, 1000.0, 2500.0]
+    scores = {"win_rate/random": [0.25, 0.5, 0.875], "win_rate/random/low": [0.0, 0.25, 0.625],
+              "win_rate/random/high": [0.375, 0.625, 1.0]}  # fmt: skip
+    for run, metrics in zip(runs.values(), (scores, {}), strict=True):
+        columns = {"frames": steps, **metrics}
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        for row in (rows[0], rows[2]):
+            row["td_error/real"] = len(run.name) / row["frames"]
+        (run / "log.csv").write_text(format_rows(rows))
+    with serving(make_server(runs, 0)) as address, watched_page(browser) as page:
+        page.goto(address)
+        page.wait_for_selector(".js-plotly-plot .scatterlayer .trace")
+        plotted = page.evaluate(PLOTTED)
+    games, ends = "Greedy games against each bot", [500.0, 2500.0]
+    assert plotted == {
+        f"{games}/conv: random": [steps, [0.25, 0.5, 0.875]],
+        f"{games}/band": [steps + steps[::-1], [0.0, 0.25, 0.625, 1.0, 0.625, 0.375]],
+        "TD error/conv: real": [ends, [4 / 500, 4 / 2500]],
+        "TD error/capsule: real": [ends, [7 / 500, 7 / 2500]],
+    }
+
+
 def record_game(run, name="conv-0000", actions=(1, 2, 3)):
     """A game of the last evaluation in the run's folder."""
     engine = make_engine("deep_maze", num_worlds=1)
@@ -243,7 +271,10 @@ def test_the_last_evaluation_plays_in_the_viewer(browser, runs, monkeypatch):
         page.get_by_role("button", name="conv: conv-0000").click()
         assert "The game is played again" in page.locator("#wait").inner_text()
         is_seen.set()
-        page.frame_locator("#viewer").get_by_text("step 0 / 3").wait_for()  # raises if not
+        viewer = page.frame_locator("#viewer")
+        viewer.get_by_text("step 0 / 3").wait_for()  # raises if not
+        viewer.get_by_role("slider").first.press("End")
+        viewer.get_by_text("step 3 / 3").wait_for()
         page.locator("#wait:empty").wait_for(state="attached")
         assert get(address, "/games/conv/other.replay")[0] == 404
 

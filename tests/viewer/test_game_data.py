@@ -81,6 +81,24 @@ def test_events_of_deep_rts(tmp_path):
     assert not damage[: attack["step"]].any()
 
 
+@pytest.fixture(scope="module")
+def fallen(tmp_path_factory):
+    """A game of Deep RTS until a town hall falls."""
+    path = tmp_path_factory.mktemp("fallen") / "a.replay"
+    options = {"game": "deep_rts", "scenario": "1v1-15x15", "bots": ("turtle", "rusher")}
+    return record(path, steps=300, **options)
+
+
+def test_a_town_hall_is_lost_where_the_engine_has_one_less(fallen):
+    events = json.loads(pack_game(fallen, every=300, views=[0]))["events"]
+    found = [(e["step"], e["seat"]) for e in events if e["text"] == "turtle loses a town hall"]
+    column = fallen.spec.representations["vector"].plane_names.index("own town_hall")
+    halls = np.stack([one.observe("vector")[0, :, column] for one in replay_steps(fallen)])
+    falls = np.argwhere(np.diff(halls, axis=0) < 0)
+    assert found == [(step + 1, seat) for step, seat in falls if seat == 0]
+    assert found
+
+
 def test_equal_views_are_stored_once(data):
     """The spectator of Deep Line Wars sees what seat 0 sees."""
     assert [view["pictures"] for view in data["views"]] == [0, 0, 1]

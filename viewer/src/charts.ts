@@ -79,7 +79,7 @@ export class Chart {
     const ground = new Path2D();
     ground.moveTo(0, toY(0));
     ground.lineTo(width, toY(0));
-    stroke(style.getPropertyValue("--mc-line"), 1, ground);
+    stroke(style.getPropertyValue("--line"), 1, ground);
     context.lineJoin = "round";
     for (let player = numPlayers - 1; player >= 0; player--) {
       const path = new Path2D();
@@ -87,10 +87,10 @@ export class Chart {
         path.lineTo(toX(step), toY(this.values[step * numPlayers + player]));
       }
       // A rim keeps light players visible on a light page, and dark ones on a dark page.
-      stroke(style.getPropertyValue("--mc-rim"), 3, path);
+      stroke(style.getPropertyValue("--rim"), 3, path);
       stroke(this.colours[player], 1.75, path);
     }
-    context.fillStyle = style.getPropertyValue("--mc-quiet");
+    context.fillStyle = style.getPropertyValue("--quiet");
     context.font = "11px system-ui, sans-serif";
     context.fillText(format(high), 2, 12);
   }

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from marl_cair.games.replays import replay_steps
-from marl_cair.league.play.film import Size, shrink, write_film
+from marl_cair.league.play.film import write_gif
 
 if TYPE_CHECKING:
     from marl_cair.cli.agent.explain import ExplainedGame
     from marl_cair.policies.actor import PolicyActor
 
-FILM = Size(120, 360, 128, 120)
+MAX_FRAMES, FPS = 120, 8  # of the film
 MOST_BARS = 10  # actions in a picture, those with the largest values
 MOST_NAMES = 12  # kinds of action in a picture
 _BLUE, _ORANGE, _GREY = "#3b6ea8", "#d9822b", "#9aa3ad"
@@ -48,7 +48,7 @@ def save_all(
     length = len(returns)
     chosen = np.linspace(0, length - 1, min(num_steps, length)).round().astype(int)
     chosen = np.unique(chosen // explained.every * explained.every)
-    every = -(-length // FILM.max_frames)
+    every = -(-length // MAX_FRAMES)
     kept = range(0, length, every)
     boards = render_steps(explained, {*chosen.tolist(), *kept})
     figures: dict[str, Figure] = {
@@ -61,7 +61,8 @@ def save_all(
         figures["presence.png"] = draw_presence(explained, presences, chosen)
     for name, figure in figures.items():
         figure.savefig(folder / name, dpi=150)
-    write_film(folder / "film.gif", [draw_frame(explained, boards[s], s) for s in kept], FILM)
+    frames = (np.asarray(draw_frame(explained, boards[s], s)) for s in kept)
+    write_gif(folder / "film.gif", frames, FPS)
     return [*figures, "film.gif", "steps.npz"]
 
 
@@ -190,7 +191,7 @@ def draw_presence(
 
 def draw_frame(explained: ExplainedGame, board: NDArray[np.uint8], step: int) -> Image.Image:
     """One frame of the film: the game, and the values of the best actions as bars."""
-    game = shrink(board, FILM.width)
+    game = Image.fromarray(board)
     height = max(game.height, _ROW * (MOST_BARS + 2))
     frame = Image.new("RGB", (game.width + _LEFT + _WIDTH, height), "white")
     frame.paste(game, (0, (height - game.height) // 2))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +13,13 @@ from PIL import Image
 from marl_cair.files import atomic_path
 from marl_cair.games.replays import Replay, replay_steps
 
-LAST_FRAME_MILLISECONDS = 2_500
-MOST_HIGH = 2  # times the width of a film: a higher board is shown narrower
+LAST_FRAME_MILLISECONDS = 2_500  # of a GIF, before it begins again
 MOST_GIF_FPS = 50  # programs show faster GIFs slowly
 NUM_COLOURS, MOST_GIF_BYTES = 256, 1 << 30
+SMALL_FILM_FRAMES, SMALL_FILM_FPS = 300, 12
 _SAMPLED_PIXELS = 1 << 16  # from which the palette of a GIF is made
 
 Frame = NDArray[np.uint8]  # [height, width, 3], RGB
-
-
-class Size(NamedTuple):
-    """Limits of a small film; longer games keep every second, third, ... frame."""
-
-    max_frames: int
-    width: int  # pixels
-    num_colours: int
-    frame_milliseconds: int
-
-
-FULL = Size(300, 480, 160, 80)
 
 
 def render_frames(replay: Replay, every: int = 1, player: int | None = None) -> Iterator[Frame]:
@@ -45,57 +32,21 @@ def render_frames(replay: Replay, every: int = 1, player: int | None = None) -> 
             yield engine.render(0, player)
 
 
-def film_game(replay: Replay, size: Size) -> list[Image.Image]:
-    """Pictures of a small film: the start, the steps that `size` keeps, and the end."""
-    every = -(-(len(replay.actions) + 1) // size.max_frames)
-    return [shrink(frame, size.width) for frame in render_frames(replay, every)]
-
-
-def save_film(path: str | os.PathLike[str], replay: Replay, size: Size = FULL) -> int:
-    """Write a small GIF of a game; returns the number of frames."""
-    images = film_game(replay, size)
-    write_film(path, images, size)
-    return len(images)
-
-
-def write_film(path: str | os.PathLike[str], images: Sequence[Image.Image], size: Size) -> None:
-    """Write pictures as a GIF that loops, with the colours and pace of `size`."""
-    # One palette for all frames, so that colours do not flicker, from some of them.
-    some = np.concatenate([np.asarray(image) for image in images[:: len(images) // 4 or 1]])
-    palette = Image.fromarray(some).quantize(size.num_colours)
-    films = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    durations = [size.frame_milliseconds] * (len(films) - 1) + [LAST_FRAME_MILLISECONDS]
-    _save_gif(path, films, durations)
-
-
-def _save_gif(
-    path: str | os.PathLike[str], films: Sequence[Image.Image], duration: int | list[int]
-) -> None:
-    with atomic_path(path) as unfinished:
-        films[0].save(
-            unfinished,
-            format="GIF",
-            save_all=True,
-            append_images=films[1:],
-            duration=duration,
-            loop=0,
-            optimize=True,  # unchanged pixels are written once: a third of the size
-        )
-
-
-def shrink(frame: Frame, width: int) -> Image.Image:
-    """Scale a picture to `width` pixels; to fewer if it would be too high."""
-    image = Image.fromarray(frame)
-    width = min(width, max(1, round(MOST_HIGH * width * image.width / image.height)))
-    height = max(1, round(image.height * width / image.width))
-    return image.resize((width, height), Image.Resampling.LANCZOS, reducing_gap=2.0)
+def save_film(
+    path: str | os.PathLike[str], replay: Replay, max_frames: int = SMALL_FILM_FRAMES
+) -> int:
+    """Write a GIF of a game; returns the number of frames. Longer games keep every second, third,
+    ... step, and the last. Raises as `render_frames` and `write_gif`.
+    """
+    every = -(-(len(replay.actions) + 1) // max_frames)
+    return write_gif(path, render_frames(replay, every), SMALL_FILM_FPS)
 
 
 # --- each writes all frames in their full size and returns their number -------------------------
 
 
 def write_gif(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -> int:
-    """A GIF that loops; up to 256 colours are exact, of more the frequent ones.
+    """A GIF that loops; up to 256 colours in all are exact, of more the frequent ones.
 
     Raises ValueError for more frames per second than programs show, or more frames than fit into
     memory.
@@ -129,7 +80,17 @@ def write_gif(path: str | os.PathLike[str], frames: Iterable[Frame], fps: int) -
     films = [Image.fromarray(shown[picture]) for picture in pictures]
     for film in films:
         film.putpalette(palette.getpalette() or [])
-    _save_gif(path, films, round(1000 / fps))
+    durations = [round(1000 / fps)] * (len(films) - 1) + [LAST_FRAME_MILLISECONDS]
+    with atomic_path(path) as unfinished:
+        films[0].save(
+            unfinished,
+            format="GIF",
+            save_all=True,
+            append_images=films[1:],
+            duration=durations,
+            loop=0,
+            optimize=True,  # unchanged pixels are written once: a third of the size
+        )
     return len(films)
 
 

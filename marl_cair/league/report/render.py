@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from marl_cair.league.report.sections import Report, Table
 from marl_cair.text import clean_lines, clean_text
-from marl_cair.viewer.page import make_policy, read_script
+from marl_cair.viewer.page import make_policy, read_script, read_theme
 
 LINE_WIDTH = 100
 MAX_MARKDOWN_COLUMNS = 32
@@ -34,6 +34,7 @@ def render_html(report: Report) -> str:
         max_open_items=MAX_OPEN_ITEMS,
         policy=make_policy(read_script()),
         viewer=Markup(read_script()),  # noqa: S704  (our own, and its hash is in the policy)
+        theme=Markup(read_theme()),  # noqa: S704
     )
 
 

@@ -2,7 +2,10 @@
 
 import dataclasses
 import os
+import re
+import runpy
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -92,6 +95,42 @@ def test_a_game_that_needs_pictures_has_no_transport_numbers(tmp_path, done):
     assert "vector" not in marl_cair.make_engine("flash", description=str(own)).spec.representations
     with pytest.raises(ValueError, match="transport is 'numbers'"):
         marl_cair.make_engine("flash", description=str(own), transport="numbers")
+
+
+def take_pictures(engine, seed):
+    """The pictures of a game without keys, of the start and after each step."""
+    engine.reset(np.array([seed], np.uint64))
+    shown = [engine.render(0)]
+    while not engine.terminated[0]:
+        engine.step(np.zeros((1, 1), np.int64))
+        shown.append(engine.render(0))
+    return shown
+
+
+def test_the_classifier_of_the_page_ends_games_of_other_seeds(tmp_path, monkeypatch):
+    page = (Path(__file__).parents[3] / "docs/flash.md").read_text("utf-8")
+    program, line = re.search(
+        r"### Example: the end as a scene.*?```python\n(.*?)```.*?```toml\n(.*?)```",
+        page,
+        re.DOTALL,
+    ).groups()
+    engine = marl_cair.make_engine("flash", "multitask")
+    for seed in range(3):
+        *stage, over = take_pictures(engine, seed)
+        for number, picture in enumerate(stage[::10]):
+            Image.fromarray(picture).save(tmp_path / f"stage-{seed}{number}.png")
+        Image.fromarray(over).save(tmp_path / f"over-{seed}.png")
+    reported = [len(take_pictures(engine, seed)) for seed in (7, 8)]
+    engine.close()
+    monkeypatch.chdir(tmp_path)
+    Path("train.py").write_text(program, "utf-8")
+    runpy.run_path("train.py")
+    text = (FOLDER / "multitask.toml").read_text("utf-8").partition("numbers = [")[0]
+    text = text.replace('"multitask.swf"', f'"{FOLDER / "multitask.swf"}"')
+    (tmp_path / "own.toml").write_text(text.replace('done = "done"', line), "utf-8")
+    engine = marl_cair.make_engine("flash", description=str(tmp_path / "own.toml"))
+    assert [len(take_pictures(engine, seed)) for seed in (7, 8)] == reported
+    engine.close()
 
 
 def test_a_recorded_game_is_played_again(tmp_path):

@@ -17,7 +17,7 @@ from marl_cair.browser.kernels import PICTURE, change_picture
 from marl_cair.browser.runtime import find_runtime
 from marl_cair.files import write_atomically
 from marl_cair.games.game import NO_CELL, Game, GameSpec
-from marl_cair.viewer.page import make_policy
+from marl_cair.viewer.page import make_policy, read_theme
 
 PAGE_FILE, NETWORK_FILE, RULES_FILE = "index.html", "agent.onnx", "rules.wasm"
 _PARTS = Path(__file__).parent / "page"
@@ -86,7 +86,7 @@ def make_page(about: Mapping[str, Any], files: Mapping[str, bytes]) -> str:
     # Only this script can make a blob: it starts onnxruntime-web so.
     return Template((_PARTS / PAGE_FILE).read_text("utf-8")).substitute(
         policy=make_policy(script, " 'wasm-unsafe-eval' blob:") + "; img-src data:",
-        style=(_PARTS / "style.css").read_text("utf-8"),
+        style=read_theme() + (_PARTS / "style.css").read_text("utf-8"),
         content=json.dumps({"game": about, "files": packed}).replace("<", "\\u003c"),
         script=script,
     )

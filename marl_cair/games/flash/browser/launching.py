@@ -8,11 +8,12 @@ import secrets
 import select
 import struct
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from marl_cair.games.flash.browser.installing import diagnose, find_browser
 from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 
+Renderer = Literal["canvas", "webgl"]
 VNC_SOCKET = "rfb.sock"  # in the private folder
 _DISPLAY_LIMIT_S = 20.0
 
@@ -48,7 +49,7 @@ class Window(NamedTuple):
 
     width: int
     height: int
-    renderer: str
+    renderer: Renderer
     is_in_band: bool  # lockstep over VNC: frames come when they are ready, held keys do not repeat
 
 

@@ -14,7 +14,7 @@ from marl_cair.games.flash.browser import launching
 from marl_cair.games.flash.browser import server as server_module
 from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 from marl_cair.games.flash.browser.server import FlashServer
-from tests.games.flash.browser.flash_files import PROBE, SIZE, need_flash
+from tests.games.flash.browser.flash_files import PROBE, SIZE, change_page, need_flash
 from tests.games.flash.browser.vnc_servers import wait_until
 from tests.processes import ROOT
 
@@ -159,6 +159,24 @@ def test_a_game_that_runs_forever_is_ended(make_server, monkeypatch):
     server = make_server()
     with pytest.raises(FlashError, match=r"no reply within 1 s: the game runs forever"):
         server.call("runForever")
+
+
+@pytest.mark.parametrize("transport", ["bridge", "vnc"])
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("return rgb;", "return rgb.subarray(3);", "of 21165 bytes, 21168 were asked for"),
+        ("setUint32(0, text.length", "setUint32(0, 1e9", "no reply of ours"),
+        ("return reply;", "return new Uint8Array(3);", "no reply of ours"),
+        ("answer.values =", "answer.other =", r"no reply of ours \(KeyError\('values'\)"),
+    ],
+)
+def test_a_reply_that_is_none_ends_the_server(
+    make_server, tmp_path, monkeypatch, transport, old, new, message
+):
+    change_page(tmp_path, monkeypatch, old, new)
+    with pytest.raises(FlashError, match=message):
+        make_server(transport=transport).step()
 
 
 def test_a_step_that_is_interrupted_ends_the_server(make_server):

@@ -14,13 +14,7 @@ import pytest
 from marl_cair.games.flash.browser.links import read_reply
 from marl_cair.games.flash.browser.server import FlashError, FlashServer, KeyEvent, MouseEvent
 from marl_cair.lookup import UnknownNameError
-from tests.games.flash.browser.flash_files import (
-    PROBE,
-    SIZE,
-    change_page,
-    need_flash,
-    pack_timeline,
-)
+from tests.games.flash.browser.flash_files import PROBE, SIZE, need_flash, pack_timeline
 
 FRAME_MS = 1000 / 30
 
@@ -260,31 +254,6 @@ def test_real_time_runs_by_the_clock(in_real_time):
     frames = in_real_time.call("getState")["frames"] - first
     assert len(columns) > 15
     assert frames == pytest.approx(30 * (time.monotonic() - start), rel=0.4)
-
-
-NOTE_TIMES = """
-const seen = []; // times of the display's frames, and the game's frames until then
-function note(time) {
-  seen.push([time, call(["getState"]).frames]);
-  requestAnimationFrame(note);
-}
-function call([name, ...values]) {
-  if (name === "note") return requestAnimationFrame(note);
-  if (name === "seen") return seen;
-"""
-
-
-def test_each_frame_of_the_display_shows_a_frame_of_a_game_of_60(tmp_path, monkeypatch):
-    need_flash()
-    change_page(tmp_path, monkeypatch, "function call([name, ...values]) {", NOTE_TIMES)
-    with FlashServer(PROBE, SIZE, 60) as server:
-        server.call("note")
-        time.sleep(2)
-        times, frames = np.diff(server.call("seen"), axis=0).T
-    ticks = times * 60 / 1000
-    assert len(ticks) > 30
-    assert np.mean(np.abs(ticks - ticks.round()) < 1e-4) > 0.9
-    assert np.mean(frames == 0) < 0.05
 
 
 def find_ball(frame):

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import tomllib
 import warnings
 
 import gymnasium
@@ -18,6 +19,7 @@ from marl_cair.games.engine import NoSnapshotError
 from marl_cair.games.flash import rules
 from marl_cair.games.flash.browser.server import FlashError
 from marl_cair.games.flash.description import FOLDER, find_description
+from marl_cair.games.flash.scenes import SceneClassifier
 from marl_cair.games.replays import ReplayWriter, read_replay, replay_steps
 from marl_cair.league.play.match import play_match
 from marl_cair.league.play.solo import play_alone
@@ -85,11 +87,10 @@ def test_the_transport_numbers_shows_the_same_game():
 
 def describe(path, **entries):
     """A description of multitask with some entries changed."""
-    text = (FOLDER / "multitask.toml").read_text("utf-8")
-    entries = {"swf": str(FOLDER / "multitask.swf"), **entries}
-    kept = [line for line in text.splitlines() if line.partition(" = ")[0] not in entries]
-    added = [f"{name} = {json.dumps(value)}" for name, value in entries.items()]
-    path.write_text("\n".join(added + kept), "utf-8")
+    shipped = tomllib.loads((FOLDER / "multitask.toml").read_text("utf-8"))
+    entries = {**shipped, "swf": str(FOLDER / "multitask.swf"), **entries}
+    values = {name: json.dumps(value).replace('": ', '" = ') for name, value in entries.items()}
+    path.write_text("".join(f"{name} = {value}\n" for name, value in values.items()), "utf-8")
     return str(path)
 
 
@@ -114,6 +115,28 @@ def test_webgl_draws_the_same_game(tmp_path):
     assert (webgl[1] == webgl[2]).all()
 
 
+def play_until_the_end(description, seed):
+    """The picture after each step without keys."""
+    engine = marl_cair.make_engine("flash", description=description)
+    engine.reset(np.array([seed], np.uint64))
+    pictures = [engine.render(0)]
+    while not (engine.terminated[0] or engine.truncated[0]):
+        engine.step(np.zeros((1, 1), np.int64))
+        pictures.append(engine.render(0))
+    assert engine.terminated[0]
+    engine.close()
+    return pictures
+
+
+def test_a_scene_that_is_recognised_ends_the_game(tmp_path):
+    *stage, over = play_until_the_end("multitask", 1)
+    classifier = SceneClassifier.train({"stage": stage, "over": [over]})
+    classifier.save(tmp_path / "scenes.npz")
+    done = {"scenes": "scenes.npz", "names": ["over"]}
+    own = describe(tmp_path / "own.toml", done=done, callback="", score="", numbers=[])
+    assert len(play_until_the_end(own, 2)) == len(play_until_the_end("multitask", 2))
+
+
 @pytest.mark.parametrize("transport", ["bridge", "vnc"])
 def test_a_game_is_started_by_the_mouse(tmp_path, transport):
     own = describe(tmp_path / "own.toml", start=[], mouse_grid=[3, 9])
@@ -128,16 +151,13 @@ def test_a_game_is_started_by_the_mouse(tmp_path, transport):
     engine.close()
 
 
-@pytest.mark.parametrize("done", ['{picture = "end.png", region = [0, 0, 480, 360]}', '"done"'])
+@pytest.mark.parametrize("done", [{"picture": "end.png", "region": [0, 0, 480, 360]}, "done"])
 def test_a_game_that_needs_pictures_has_no_transport_numbers(tmp_path, done):
-    text = (FOLDER / "multitask.toml").read_text("utf-8").partition("numbers = [")[0]
-    text = text.replace('"multitask.swf"', f'"{FOLDER / "multitask.swf"}"')
-    own = tmp_path / "own.toml"
-    own.write_text(text.replace('done = "done"', f"done = {done}"), "utf-8")
     Image.new("RGB", (480, 360)).save(tmp_path / "end.png")
-    assert "vector" not in marl_cair.make_engine("flash", description=str(own)).spec.representations
+    own = describe(tmp_path / "own.toml", done=done, numbers=[])
+    assert "vector" not in marl_cair.make_engine("flash", description=own).spec.representations
     with pytest.raises(ValueError, match="transport is 'numbers'"):
-        marl_cair.make_engine("flash", description=str(own), transport="numbers")
+        marl_cair.make_engine("flash", description=own, transport="numbers")
 
 
 def test_a_recorded_game_is_played_again(tmp_path):
@@ -325,11 +345,8 @@ def test_a_browser_is_kept_for_the_same_description_alone(tmp_path):
     engine.reset(0)
     kept = engine._rules.server(0)
     engine.close()
-    text = (FOLDER / "multitask.toml").read_text("utf-8")
-    text = text.replace('"multitask.swf"', f'"{FOLDER / "multitask.swf"}"')
-    small = tmp_path / "small.toml"
-    small.write_text(text.replace("size = [480, 360]", "size = [240, 180]"), "utf-8")
-    other = marl_cair.make_engine("flash", "multitask", description=str(small))
+    small = describe(tmp_path / "small.toml", size=[240, 180])
+    other = marl_cair.make_engine("flash", "multitask", description=small)
     other.reset(0)
     assert other.render(0).shape == (180, 240, 3)
     assert other._rules.server(0).size == (240, 180)

@@ -5,9 +5,11 @@
 Steps per second are by the clock, so they depend on what else the machine does. Processor time,
 in milliseconds per step, is that of the browsers with their displays, and of Python. `empty` draws
 nothing: it is the floor of page, socket and Python. `duel` is measured in its stage, whose keys go
-up and down. The real-time rows use a file of the tests whose picture changes in each of its 60
-frames per second. PSS (proportional set size) is of all processes of the browsers. Needs Linux.
-Prints Markdown tables.
+up and down. `multitask` is measured in the first 2000 frames of a game of the bot `juggler`, whose
+keys are recorded before: all four tasks are open at the end. With resets a game begins every 60
+frames, as in random play. The real-time rows use a file of the tests whose picture changes in each
+of its 60 frames per second. PSS (proportional set size) is of all processes of the browsers. Needs
+Linux. Prints Markdown tables.
 """
 
 from __future__ import annotations
@@ -30,6 +32,7 @@ import numpy as np
 
 import marl_cair
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.games.flash.bots import play_multitask
 from marl_cair.games.flash.browser.rfb import RFBClient
 from marl_cair.games.flash.browser.server import FlashServer, KeyEvent
 from marl_cair.games.flash.description import FOLDER
@@ -39,7 +42,7 @@ SIZE, SMALL = (480, 360), (84, 84)
 PROBE = Path(__file__).parents[1] / "tests/games/flash/browser/probe/probe.swf"
 LIGHT = slice(5, 35)  # rows and columns of the probe that are green while a key is held
 WARM_UP = 20  # calls before the clock starts
-GAME = 1500  # frames of duel after which it is started again, before its end
+SHORT_GAME = 60  # frames
 CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -119,24 +122,54 @@ def start(
         yield servers
 
 
-def play(servers: Sequence[FlashServer], picture: Any, frames: int, number: int) -> None:
-    """One step of all servers, at the same time."""
-    if number * frames % GAME < frames:
+Keys = Sequence[Sequence[KeyEvent]]  # what changes before each frame of a game
+UP_AND_DOWN = [[KeyEvent("up", frame % 2 == 0)] for frame in range(1500)]  # before duel's end
+
+
+def begin(server: FlashServer) -> None:
+    """Start a game with seed 0."""
+    server.reset(0)
+    server.step(2, [KeyEvent("enter", True)], None)
+    server.step(1, [KeyEvent("enter", False)], None)
+
+
+def record_multitask(num_frames: int = 2000) -> Keys:
+    """Keys of the bot `juggler`, which is asked before each frame."""
+    recorded: list[list[KeyEvent]] = []
+    with start(FOLDER / "multitask.swf") as (server,):
+        server.watch("getState")
+        begin(server)
+        while len(recorded) < num_frames:
+            state = server.values["getState"]
+            if state["done"]:
+                raise RuntimeError(f"juggler has lost the game after {len(recorded)} frames")
+            keys = play_multitask(state)
+            names = ("left", "right", "up", "down")
+            recorded.append([KeyEvent(name, name in keys) for name in names])
+            server.step(1, recorded[-1], None)
+    return recorded
+
+
+def play(
+    servers: Sequence[FlashServer], keys: Keys, picture: Any, frames: int, number: int
+) -> None:
+    """One step of all servers, at the same time; a new game where the keys are used up."""
+    frame = number * frames % len(keys)
+    if frame < frames:
         for server in servers:
-            server.reset(0)
-            server.step(2, [KeyEvent("enter", True)], None)
-            server.step(1, [KeyEvent("enter", False)], None)
+            begin(server)
     for server in servers:
-        server.begin_step(frames, [KeyEvent("up", number % 2 == 0)], picture)
+        server.begin_step(frames, keys[frame], picture)
     for server in servers:
         server.end_step()
 
 
 def print_steps(seconds: float, instances: Sequence[int], empty: Path) -> None:
     """Steps of servers, without the engine."""
-    duel = FOLDER / "duel.swf"
+    duel, multitask = FOLDER / "duel.swf", FOLDER / "multitask.swf"
+    keys = {empty: UP_AND_DOWN, duel: UP_AND_DOWN, multitask: record_multitask()}
     print("| steps of one frame | steps/s | browser, ms | Python, ms |\n|---|---|---|---|")
-    for swf in (empty, duel):
+    for swf, played in keys.items():
         with start(swf) as servers:
             for name, picture, frames in (
                 ("no picture", None, 1),
@@ -144,15 +177,25 @@ def print_steps(seconds: float, instances: Sequence[int], empty: Path) -> None:
                 ("480 x 360", SIZE, 1),
                 ("84 x 84, 30 frames in a call", SMALL, 30),
             ):
-                row = measure(partial(play, servers, picture, frames), seconds, frames)
-                print(f"| {swf.stem}, bridge, {name} | {row} |", flush=True)
-    for count in instances[1:]:
-        with start(duel, count) as servers:
-            row = measure(partial(play, servers, SMALL, 1), seconds, count)
-        print(f"| duel, bridge, 84 x 84, {count} instances together | {row} |", flush=True)
-    for swf in (empty, duel):
+                if swf != multitask or frames == 1:  # its keys change in each frame
+                    row = measure(partial(play, servers, played, picture, frames), seconds, frames)
+                    print(f"| {swf.stem}, bridge, {name} | {row} |", flush=True)
+    for swf in (duel, multitask):
+        for count in instances[1:]:
+            with start(swf, count) as servers:
+                row = measure(partial(play, servers, keys[swf], SMALL, 1), seconds, count)
+            print(
+                f"| {swf.stem}, bridge, 84 x 84, {count} instances together | {row} |", flush=True
+            )
+    for count in instances:
+        with start(multitask, count) as servers:
+            short = keys[multitask][:SHORT_GAME]
+            row = measure(partial(play, servers, short, SMALL, 1), seconds, count)
+        name = f"multitask, bridge, 84 x 84, with resets, {count} together"
+        print(f"| {name} | {row} |", flush=True)
+    for swf, played in keys.items():
         with start(swf, transport="vnc") as servers:
-            row = measure(partial(play, servers, SMALL, 1), seconds)
+            row = measure(partial(play, servers, played, SMALL, 1), seconds)
         print(f"| {swf.stem}, vnc, 84 x 84 | {row} |", flush=True)
 
 

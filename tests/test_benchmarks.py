@@ -15,6 +15,7 @@ from marl_cair.cli import main
 from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.league.ratings import rate as ratings_module
 from tests.benchmark_runs import read_table
+from tests.games.flash.browser.flash_files import need_flash
 
 SHORT = (
     *("collector.num_worlds=16", "policy.hidden_width=16", "replay.min_transitions=200"),
@@ -162,6 +163,17 @@ def test_processor_time_and_memory_of_flash_games_are_those_of_child_processes()
         assert used[process.pid] < 0.05 < sum(used.values())  # its child has computed
         assert 3 < flash.measure_memory() < 100
         process.communicate(b"\n")
+
+
+def test_the_recorded_game_of_multitask_is_played_again():
+    need_flash()
+    keys = flash.record_multitask(200)
+    with flash.start(flash.FOLDER / "multitask.swf") as servers:
+        servers[0].watch("getState")
+        for number in range(250):  # 50 of the next game
+            flash.play(servers, keys, None, 1, number)
+            tick = servers[0].values["getState"]["tick"]
+            assert tick == number % 200 + 4  # three frames of the beginning are played
 
 
 def test_the_empty_flash_file_is_a_flash_file(tmp_path):

@@ -8,7 +8,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_555,
+    "games": 21_585,
     "policies": 2_410,
     "replay": 2_290,
     "generative": 2_960,

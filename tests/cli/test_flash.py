@@ -70,9 +70,10 @@ def test_a_game_that_reports_nothing_is_read_from_its_picture(tmp_path, capsys):
     save_picture(tmp_path / "over.png", (480, 360))
     done = f"10,10,50,60,{tmp_path / 'over.png'}"
     words = ["--mouse-grid", "8x6", "--reward", "0,0,100,8", "--done", done, "--name", "mouse"]
+    words += ["--renderer", "webgl"]
     assert add(tmp_path, capsys, *words)[0] == EXIT_DONE
     found = find_description(str(tmp_path / "out/mouse.toml"))
-    assert (found.keys, found.mouse_grid) == (((),), (8, 6))
+    assert (found.keys, found.mouse_grid, found.renderer) == (((),), (8, 6), "webgl")
     assert found.score == Region(0, 0, 100, 8)
     assert found.done.region == Region(10, 10, 50, 60)
 

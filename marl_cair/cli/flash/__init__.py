@@ -53,6 +53,8 @@ def _add_add(commands: Any) -> None:
     add.add_argument("--reward", default="alive", help="alive (a point per frame, the default), "
                      "the name of a number in that object, or x,y,width,height: the brightness of "
                      "that part of the picture")  # fmt: skip
+    add.add_argument("--renderer", default="", help="canvas (the default), or webgl: slower, but "
+                     "right for games that need filters or blend modes")  # fmt: skip
     add.add_argument("--done", required=True, help="the end: name of a truth value in that "
                      "object, or x,y,width,height,PICTURE.png: the part that looks so")  # fmt: skip
     add.add_argument("--out", type=Path, default=Path(), help="folder to write to (default: here)")

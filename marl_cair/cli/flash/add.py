@@ -38,6 +38,7 @@ def describe_swf(chosen: Namespace) -> str:
         "sha256": hashlib.sha256(data).hexdigest(),
         "size": [width, height],
         "fps": max(1, round(fps)),
+        "renderer": chosen.renderer,
         "start": [_read_input(word) for word in chosen.start.split(";") if word],
         "keys": [[key for key in part.split(",") if key] for part in chosen.keys.split(";")],
         "callback": chosen.callback,

@@ -56,7 +56,8 @@ class Game:
         self.stage = find_stage(name)
         self._fps, self._scenes = fps, scenes
         self._is_gray, self._is_normalized = grayscale, normalized
-        self._server = FlashServer(*self.stage[1:], mode="realtime")
+        _, swf, size, game_fps, renderer = self.stage
+        self._server = FlashServer(swf, size, game_fps, mode="realtime", renderer=renderer)
         try:
             self._client = self._server.connect()
         except BaseException:

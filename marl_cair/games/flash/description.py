@@ -9,9 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from marl_cair.games.flash.browser.keys import find_key
+from marl_cair.games.flash.browser.launching import Renderer
 from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.lookup import UnknownNameError, find_by_name
 
@@ -64,6 +65,7 @@ class Description:
         swf: the file, whose digest is `sha256`.
         size: width and height of the stage in pixels.
         fps: frames per second of the SWF.
+        renderer: how Ruffle draws: "canvas", or "webgl", which is slower but knows all blend modes.
         start: what begins a game after the SWF is loaded: a key, "x, y" for a click, or a number of
             frames to wait.
         keys: of each player.
@@ -85,6 +87,7 @@ class Description:
     sha256: str
     size: tuple[int, int]
     fps: int
+    renderer: Renderer
     start: tuple[str | int | tuple[int, int], ...]
     keys: tuple[tuple[str, ...], ...]
     mouse_grid: tuple[int, int]
@@ -144,6 +147,7 @@ def _read(path: Path, stamp: int) -> Description:
         sha256=reader.take("sha256", str),
         size=reader.take_numbers("size", 2, 1, MAX_SIDE),
         fps=reader.take_number("fps", 1, MAX_FPS),
+        renderer=reader.take_renderer(),
         start=tuple(map(reader.read_input, reader.take("start", list, []))),
         keys=reader.take_keys(),
         mouse_grid=reader.take_numbers("mouse_grid", 2, 0, MAX_GRID, (0, 0)),
@@ -197,6 +201,13 @@ class _Reader:
         if not are_whole or len(values) != count or not all(low <= v <= high for v in values):
             raise self.fail(name, values, f"{count} whole numbers in {low}..{high}")
         return tuple(values)
+
+    def take_renderer(self) -> Renderer:
+        value, known = self.take("renderer", str, "canvas"), get_args(Renderer)
+        if value not in known:
+            raise self.fail("renderer", value, " or ".join(known))
+        renderer: Renderer = value
+        return renderer
 
     def find_file(self, name: str, value: str) -> Path:
         path = self.path.parent / value
@@ -285,12 +296,13 @@ def _fits(region: Region, size: tuple[int, int]) -> bool:
 
 
 class Stage(NamedTuple):
-    """What a SWF needs to run: pixels, frames per second."""
+    """What a SWF needs to run: pixels, frames per second, how it is drawn."""
 
     title: str
     swf: Path
     size: tuple[int, int]
     fps: int
+    renderer: Renderer = "canvas"
 
 
 def find_stage(name: str) -> Stage:
@@ -307,7 +319,7 @@ def find_stage(name: str) -> Stage:
         return Stage(swf.stem, swf, header.size, max(1, round(header.fps)))
     found = find_description(name)
     check_digest(found)
-    return Stage(found.title, found.swf, found.size, found.fps)
+    return Stage(found.title, found.swf, found.size, found.fps, found.renderer)
 
 
 def check_digest(description: Description) -> None:

@@ -123,6 +123,7 @@ class Browsers:
             described.fps,
             mode="lockstep",
             transport=self.transport,
+            renderer=described.renderer,
         )
         if described.callback:
             server.watch(described.callback)

@@ -7,7 +7,7 @@ import pytest
 
 from marl_cair.games.flash.client import Game
 from marl_cair.games.flash.scenes import SceneClassifier
-from tests.games.flash.browser.flash_files import need_flash
+from tests.games.flash.browser.flash_files import PROBE, need_flash
 from tests.games.flash.browser.vnc_servers import wait_until
 
 
@@ -54,6 +54,27 @@ def test_what_the_callback_raises_is_raised_by_close():
     assert is_called.wait(30)
     with pytest.raises(ZeroDivisionError):
         game.close()
+
+
+def test_mouse_and_held_keys_reach_the_game():
+    with Game(str(PROBE)) as game:  # which logs its input and the frame of each
+        game.move(10, 20)
+        wait_until(lambda: "mouseMove 10 20" in find_log(game))
+        game.mouse_down(30, 40)
+        game.mouse_up(50, 60)
+        game.hold("a", 30)
+        wait_until(lambda: "up 65" in find_log(game))
+        log = find_log(game)
+    words, frames = zip(*(entry.split("@") for entry in log.split(", ")), strict=True)
+    order = ["mouseMove 10 20", "mouseDown 30 40", "mouseUp 50 60", "down 65"]
+    assert [word for word in words if word in order] == order
+    held = int(frames[words.index("up 65")]) - int(frames[words.index("down 65")])
+    assert 15 <= held <= 90  # 30, if the machine is not busy
+
+
+def find_log(game):
+    """What the probe has seen, as "down 65@12, up 65@42"."""
+    return game._server.call("getState")["log"]
 
 
 def test_a_rate_below_one_is_refused():

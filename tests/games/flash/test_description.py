@@ -51,6 +51,8 @@ def test_a_description_says_all(folder):
     assert found.start == ("enter", 30, (240, 200))
     assert found.numbers == (("ball.x", -100.0, 100.0, ""),)
     assert not found.reads_pixels
+    assert found.renderer == "canvas"
+    assert read(folder, ("fps = 30", 'fps = 30\nrenderer = "webgl"')).renderer == "webgl"
 
 
 def test_score_and_end_can_be_read_from_the_picture(folder):
@@ -69,6 +71,7 @@ def test_score_and_end_can_be_read_from_the_picture(folder):
     [
         ("fps = 30", "fps = 300", ["fps", "300", "1..120"]),
         ("fps = 30", "fps = true", ["fps", "True"]),
+        ("fps = 30", 'fps = 30\nrenderer = "wgpu"', ["renderer", "'wgpu'", "canvas or webgl"]),
         ('"left"', '"lefft"', ["'lefft'", "'left'"]),
         ("title", "titel", ["'titel'", "'title'"]),
         ("size = [480, 360]", "", ["size"]),

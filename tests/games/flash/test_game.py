@@ -1,9 +1,11 @@
 """Flash as a game like the others: determinism, and all environments, in real browsers."""
 
 import dataclasses
+import json
 import os
 import re
 import runpy
+import tomllib
 import warnings
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from marl_cair.games.flash.description import FOLDER, find_description
 from marl_cair.games.replays import ReplayWriter, read_replay, replay_steps
 from marl_cair.league.play.match import play_match
 from marl_cair.league.play.solo import play_alone
-from tests.games.flash.browser.flash_files import need_flash
+from tests.games.flash.browser.flash_files import change_page, need_flash
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own, of its example games
@@ -85,16 +87,57 @@ def test_the_transport_numbers_shows_the_same_game():
     assert list(engine.spec.representations) == ["vector"]
 
 
-@pytest.mark.parametrize("done", ['{picture = "end.png", region = [0, 0, 480, 360]}', '"done"'])
+def describe(path, **entries):
+    """A description of multitask with some entries changed."""
+    shipped = tomllib.loads((FOLDER / "multitask.toml").read_text("utf-8"))
+    entries = {**shipped, "swf": str(FOLDER / "multitask.swf"), **entries}
+    values = {name: json.dumps(value).replace('": ', '" = ') for name, value in entries.items()}
+    path.write_text("".join(f"{name} = {value}\n" for name, value in values.items()), "utf-8")
+    return str(path)
+
+
+def test_webgl_draws_the_same_game(tmp_path):
+    """Its edges are smoothed otherwise."""
+    own = describe(tmp_path / "own.toml", renderer="webgl")
+    pictures, states = [], []
+    for description in ("multitask", own, own):
+        engine = marl_cair.make_engine("flash", description=description)
+        engine.reset(np.array([3], np.uint64))
+        for action in (1, 2, 0):
+            engine.step(np.array([[action]]))
+        shown = engine.observe("rgb84")[0, 0].transpose(1, 2, 0), engine.render(0), engine.render(0)
+        pictures.append([picture.astype(int) for picture in shown])
+        states.append(engine.observe("vector").tobytes())
+        engine.close()
+    assert len(set(states)) == 1
+    canvas, webgl, again = pictures
+    for one, other, repeated in zip(canvas, webgl, again, strict=True):
+        assert 0 < np.abs(one - other).mean() < 0.5
+        assert (other == repeated).all()
+    assert (webgl[1] == webgl[2]).all()
+
+
+@pytest.mark.parametrize("transport", ["bridge", "vnc"])
+def test_a_game_is_started_by_the_mouse(tmp_path, transport):
+    own = describe(tmp_path / "own.toml", start=[], mouse_grid=[3, 9])
+    engine = marl_cair.make_engine("flash", description=own, actions="mouse", transport=transport)
+    assert engine.num_actions == 1 + 27
+    engine.reset(0)
+    scores = []
+    for name in ("click 0 0", "noop", "click 1 4", "noop", "noop"):  # PLAY is in the middle
+        engine.step(np.array([[engine.spec.action_names.index(name)]]))
+        scores.append(engine.info()["score"][0, 0])
+    assert scores[1] == 0 < scores[3] < scores[4]
+    engine.close()
+
+
+@pytest.mark.parametrize("done", [{"picture": "end.png", "region": [0, 0, 480, 360]}, "done"])
 def test_a_game_that_needs_pictures_has_no_transport_numbers(tmp_path, done):
-    text = (FOLDER / "multitask.toml").read_text("utf-8").partition("numbers = [")[0]
-    text = text.replace('"multitask.swf"', f'"{FOLDER / "multitask.swf"}"')
-    own = tmp_path / "own.toml"
-    own.write_text(text.replace('done = "done"', f"done = {done}"), "utf-8")
     Image.new("RGB", (480, 360)).save(tmp_path / "end.png")
-    assert "vector" not in marl_cair.make_engine("flash", description=str(own)).spec.representations
+    own = describe(tmp_path / "own.toml", done=done, numbers=[])
+    assert "vector" not in marl_cair.make_engine("flash", description=own).spec.representations
     with pytest.raises(ValueError, match="transport is 'numbers'"):
-        marl_cair.make_engine("flash", description=str(own), transport="numbers")
+        marl_cair.make_engine("flash", description=own, transport="numbers")
 
 
 def take_pictures(engine, seed):
@@ -222,6 +265,20 @@ def test_a_browser_that_dies_truncates_its_game_alone():
     engine.close()
 
 
+def test_a_picture_of_another_size_truncates_its_game(tmp_path, monkeypatch):
+    rules.close_spare_browsers()
+    short = "return copy.canvas.count++ < 3 ? rgb : rgb.subarray(3);"
+    change_page(tmp_path, monkeypatch, "return rgb;", f"copy.canvas.count ??= 0; {short}")
+    engine = marl_cair.make_engine("flash", "multitask")
+    for _ in range(2):  # each game has a new browser
+        engine.reset(0)
+        for is_truncated in (False, False, True):
+            engine.step(np.zeros((1, 1), np.int64))
+            assert engine.truncated[0] == is_truncated
+    engine.close()
+    assert not any(rules._spare.values())
+
+
 def test_the_environments_accept_it():
     env = flash.parallel_env("duel", representation="gray_stack")
     parallel_api_test(env, num_cycles=10)
@@ -304,11 +361,8 @@ def test_a_browser_is_kept_for_the_same_description_alone(tmp_path):
     engine.reset(0)
     kept = engine._rules.server(0)
     engine.close()
-    text = (FOLDER / "multitask.toml").read_text("utf-8")
-    text = text.replace('"multitask.swf"', f'"{FOLDER / "multitask.swf"}"')
-    small = tmp_path / "small.toml"
-    small.write_text(text.replace("size = [480, 360]", "size = [240, 180]"), "utf-8")
-    other = marl_cair.make_engine("flash", "multitask", description=str(small))
+    small = describe(tmp_path / "small.toml", size=[240, 180])
+    other = marl_cair.make_engine("flash", "multitask", description=small)
     other.reset(0)
     assert other.render(0).shape == (180, 240, 3)
     assert other._rules.server(0).size == (240, 180)

@@ -8,11 +8,13 @@ import secrets
 import select
 import struct
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
+from marl_cair.files import write_atomically
 from marl_cair.games.flash.browser.installing import diagnose, find_browser
 from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 
+Renderer = Literal["canvas", "webgl"]
 VNC_SOCKET = "rfb.sock"  # in the private folder
 _DISPLAY_LIMIT_S = 20.0
 
@@ -48,7 +50,7 @@ class Window(NamedTuple):
 
     width: int
     height: int
-    renderer: str
+    renderer: Renderer
     is_in_band: bool  # lockstep over VNC: frames come when they are ready, held keys do not repeat
 
 
@@ -57,8 +59,8 @@ def start_display(folder: PrivateFolder, window: Window) -> dict[str, str]:
     variables of its clients.
     """
     authority = folder.path / "xauth"
-    authority.touch(0o600)
-    authority.write_bytes(_pack_cookie())  # first: a display without a cookie is open to all users
+    write_atomically(authority, _pack_cookie())  # first: without it the display is open to all
+    authority.chmod(0o600)
     read_end, write_end = os.pipe()
     command = ["Xtigervnc", "-displayfd", str(write_end)]
     command += ["-geometry", f"{window.width}x{window.height}"]
@@ -107,7 +109,7 @@ def start_browser(
     # The address holds a token, and all users can read command lines: a file forwards to it.
     start = folder.path / "start.html"
     refresh = address.replace("&", "&amp;")
-    start.write_text(f'<meta http-equiv="refresh" content="0;url={refresh}">', "utf-8")
+    write_atomically(start, f'<meta http-equiv="refresh" content="0;url={refresh}">')
     server = address.split("/")[2]
     command = [str(find_browser()), *_CHROMIUM, f"--user-data-dir={folder.path}/profile"]
     command.append(f"--host-resolver-rules=MAP 127.0.0.1 {server},MAP * ~NOTFOUND")

@@ -7,7 +7,7 @@ import struct
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NoReturn, Self
+from typing import Any, Literal, NoReturn, Self, get_args
 from urllib.parse import urlencode
 
 import numpy as np
@@ -18,6 +18,7 @@ from marl_cair.games.flash.browser.installing import find_ruffle
 from marl_cair.games.flash.browser.keys import find_key
 from marl_cair.games.flash.browser.launching import (
     VNC_SOCKET,
+    Renderer,
     Window,
     check_programs,
     start_browser,
@@ -71,11 +72,11 @@ class FlashServer:
         *,
         mode: Literal["realtime", "lockstep"] = "realtime",
         transport: Literal["bridge", "vnc"] = "bridge",
-        renderer: Literal["canvas", "webgl"] = "canvas",
+        renderer: Renderer = "canvas",
     ) -> None:
         _check_choice("mode", mode, ("realtime", "lockstep"))
         _check_choice("transport", transport, ("bridge", "vnc"))
-        _check_choice("renderer", renderer, ("canvas", "webgl"))
+        _check_choice("renderer", renderer, get_args(Renderer))
         self.size = _check_size("size", size)
         if not 1 <= fps <= 1000:
             raise ValueError(f"fps is {fps}, it must be from 1 to 1000")
@@ -184,9 +185,10 @@ class FlashServer:
         self._pending = None
         values, pixels = self._receive(num_frames)
         self._keep_values(values)
-        if picture is None:
-            return None
-        return pixels.reshape(picture[1], picture[0], 3)
+        columns, rows = picture or (0, 0)
+        if len(pixels) != 3 * columns * rows:
+            self._refuse(f"a picture of {len(pixels)} bytes, {3 * columns * rows} were asked for")
+        return pixels.reshape(rows, columns, 3) if picture else None
 
     @property
     def is_idle(self) -> bool:
@@ -244,11 +246,18 @@ class FlashServer:
         except BaseException:
             self.close()  # the reply to come would be taken for that of the next request
             raise
-        (size,) = struct.unpack_from("<I", reply)
-        answer = json.loads(reply[4 : 4 + size])
-        if "error" in answer:
-            raise FlashError(f"the game failed: {answer['error']}")
-        return answer["values"], np.frombuffer(reply, np.uint8, offset=4 + size)
+        try:
+            (size,) = struct.unpack_from("<I", reply)
+            answer = json.loads(reply[4 : 4 + size])
+            if "error" in answer:
+                raise FlashError(f"the game failed: {answer['error']}")
+            return list(answer["values"]), np.frombuffer(reply, np.uint8, offset=4 + size)
+        except (struct.error, ValueError, KeyError, TypeError) as error:
+            self._refuse(f"no reply of ours ({error!r})")
+
+    def _refuse(self, received: str) -> NoReturn:
+        self.close()
+        raise FlashError(f"the page sent {received}")
 
     def _check_running(self) -> None:
         self._folder.check_running()
@@ -272,7 +281,7 @@ class FlashServer:
 
     # --- starting --------------------------------------------------------------------------------
 
-    def _start(self, swf: Path, renderer: str) -> None:
+    def _start(self, swf: Path, renderer: Renderer) -> None:
         width, height = self.size
         rows = count_reply_rows(width, height) if self._is_in_band else 0
         settings = {"width": width, "height": height, "rows": rows, "fps": self.fps}

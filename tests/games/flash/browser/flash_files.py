@@ -1,10 +1,12 @@
 """Flash files of tests, and what playing them needs, skipped when it is not installed."""
 
+import shutil
 import struct
 from pathlib import Path
 
 import pytest
 
+from marl_cair.games.flash.browser import server
 from marl_cair.games.flash.browser.installing import diagnose
 from tests.games.flash.browser.vnc_servers import IS_NEEDED
 
@@ -19,6 +21,15 @@ def need_flash() -> None:
         if IS_NEEDED:
             pytest.fail(reason)
         pytest.skip(reason)
+
+
+def change_page(folder: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str) -> None:
+    """Give the next browsers a page with a part of player.js replaced."""
+    page = shutil.copytree(server._PAGE, folder / "page")
+    text = (page / "player.js").read_text("utf-8")
+    assert old in text
+    (page / "player.js").write_text(text.replace(old, new), "utf-8")
+    monkeypatch.setattr(server, "_PAGE", page)
 
 
 def pack_timeline(num_frames: int) -> bytes:

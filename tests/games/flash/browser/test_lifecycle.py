@@ -1,20 +1,23 @@
 """Every way in which a Flash game can fail or end: a clear error in time, and nothing is left."""
 
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import pytest
 
+from marl_cair.files import NotEnoughSpaceError
 from marl_cair.games.flash.browser import launching
 from marl_cair.games.flash.browser import server as server_module
 from marl_cair.games.flash.browser.processes import FlashError, PrivateFolder
 from marl_cair.games.flash.browser.server import FlashServer
-from tests.games.flash.browser.flash_files import PROBE, SIZE, need_flash
+from tests.games.flash.browser.flash_files import PROBE, SIZE, change_page, need_flash
 from tests.games.flash.browser.vnc_servers import wait_until
 from tests.processes import ROOT
 
@@ -161,6 +164,24 @@ def test_a_game_that_runs_forever_is_ended(make_server, monkeypatch):
         server.call("runForever")
 
 
+@pytest.mark.parametrize("transport", ["bridge", "vnc"])
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("return rgb;", "return rgb.subarray(3);", "of 21165 bytes, 21168 were asked for"),
+        ("setUint32(0, text.length", "setUint32(0, 1e9", "no reply of ours"),
+        ("return reply;", "return new Uint8Array(3);", "no reply of ours"),
+        ("answer.values =", "answer.other =", r"no reply of ours \(KeyError\('values'\)"),
+    ],
+)
+def test_a_reply_that_is_none_ends_the_server(
+    make_server, tmp_path, monkeypatch, transport, old, new, message
+):
+    change_page(tmp_path, monkeypatch, old, new)
+    with pytest.raises(FlashError, match=message):
+        make_server(transport=transport).step()
+
+
 def test_a_step_that_is_interrupted_ends_the_server(make_server):
     server = make_server()
 
@@ -227,22 +248,39 @@ def test_a_display_that_does_not_start_is_named_with_its_words(tmp_path, monkeyp
         FlashServer(PROBE, SIZE, 30)
 
 
-def test_a_full_disk_is_named(tmp_path, monkeypatch):
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=1m", "flash", str(tmp_path)],
-        capture_output=True,
-        check=False,
-    )
-    if mounted.returncode != 0:
-        pytest.skip("mounting a small disk needs root")
-    try:
-        monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-        monkeypatch.setattr("marl_cair.games.flash.browser.processes._MAX_PATH", 500)
-        with pytest.raises(OSError, match=r"needs 64\S* MiB, but its disk has .* free"):
-            PrivateFolder()
-        assert not any(tmp_path.iterdir())
-    finally:
-        subprocess.run(["umount", str(tmp_path)], check=True)
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A disk of 100 MB for the folders of servers, and a function that fills it."""
+    with tempfile.TemporaryDirectory(prefix="disk-") as folder:
+        command = ["mount", "-t", "tmpfs", "-o", "size=100m", "flash", folder]
+        if subprocess.run(command, capture_output=True, check=False).returncode != 0:
+            pytest.skip("mounting a small disk needs root")
+        monkeypatch.setattr("tempfile.tempdir", folder)
+
+        def fill():
+            with Path(folder, "filling").open("wb") as file:
+                os.posix_fallocate(file.fileno(), 0, shutil.disk_usage(folder).free)
+
+        yield fill
+        subprocess.run(["umount", folder], check=True)
+
+
+def test_a_disk_that_is_full_stops_no_game_but_the_next_start(full_disk, make_server, monkeypatch):
+    server = make_server(transport="vnc")
+    full_disk()
+    for seed in range(2):
+        server.reset(seed)
+        assert server.step(10, picture=SIZE).shape == (360, 480, 3)
+    with pytest.raises(NotEnoughSpaceError, match=r"needs 64\S* MiB, but its disk has .* free"):
+        make_server()
+    monkeypatch.setattr("marl_cair.games.flash.browser.processes._MIN_FREE", 0)  # full a bit later
+    for transport, name in (("bridge", "start.html"), ("vnc", "xauth")):
+        with pytest.raises(
+            NotEnoughSpaceError, match=f"{name} could not be written, the disk is f"
+        ):
+            make_server(transport=transport)
+    server.step()
+    assert len(list(server._folder.path.parent.glob("flash-*"))) == 1
 
 
 def test_a_path_that_is_too_long_for_sockets_is_named(monkeypatch):

@@ -80,8 +80,25 @@ const clock = (() => {
     delete window.webkitAudioContext;
   }
 
+  // In real time. Displays show frames evenly, 60 a second, but the times that they report vary by
+  // 0.1 ms: of a game of 60 frames per second Ruffle would then often run no frame in one of them
+  // and two in the next. So times within a millisecond of an even one are made even, and a little
+  // longer than the game's, for rounding.
+  function steadyTime() {
+    const request = window.requestAnimationFrame.bind(window);
+    const interval = ((1 + 1e-6) * frameTime) / Math.max(1, Math.round(0.06 * frameTime));
+    let last = 0;
+    window.requestAnimationFrame = (callback) =>
+      request((time) => {
+        const even = last + interval * Math.round((time - last) / interval);
+        last = Math.abs(even - time) < 1 ? even : time;
+        callback(last);
+      });
+  }
+
   reset([0, 0]);
   replaceRandomness();
   if (isLockstep) replaceTime();
+  else steadyTime();
   return { reset, tick, repeat };
 })();

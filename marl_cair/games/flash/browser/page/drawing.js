@@ -1,5 +1,12 @@
 // Leaves out what Ruffle draws in frames that are never seen: drawing is most of a frame's time.
+// With "webgl" all is drawn, and kept: browsers clear such canvases once they were shown.
 "use strict";
+
+const getContext = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (type, attributes) {
+  const kept = type.startsWith("webgl") ? { ...attributes, preserveDrawingBuffer: true } : attributes;
+  return getContext.call(this, type, kept);
+};
 
 const drawing = (() => {
   // What changes the picture of a canvas, by its name among the functions that Ruffle imports.

@@ -36,6 +36,7 @@ LOSSES: LazyTable[Any] = LazyTable(
     },
     group="marl_cair.losses",
     base="marl_cair.training.losses:Loss",
+    flags=("LEARNS_FROM_REPLAY", "HAS_TARGET_NETWORK", "READS_SEQUENCES", "TAKES_ACTION_SHAPES"),
 )
 AVERAGE, GREEDY = PLAYED = ("average", "greedy")
 

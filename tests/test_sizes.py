@@ -9,7 +9,7 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_555,
-    "policies": 2_410,
+    "policies": 2_415,
     "replay": 2_290,
     "generative": 2_960,
     "self_play": 1_035,

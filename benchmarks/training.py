@@ -7,7 +7,7 @@ Both loops play the same engine with the newest self in every seat, store every 
 make one update of 256 rows per 64 frames with the same network, double Q-learning, Adam and soft
 target updates; only the plumbing differs. A frame is one decision of one world. Best of 5 windows,
 taken in turn; the first window warms up. Generated transitions are off in both. The package's loop
-runs again with `learner.autocast`, in bfloat16, if asked: CPUs without bfloat16 are slower with it;
+runs again with `learner.autocast`, in bfloat16, if asked: CPUs without bfloat16 may be slower;
 and once more with `device`. At the end the package's loops make updates alone, in turn too,
 sampling included. On a busy machine take processor time and one thread.
 """

@@ -18,7 +18,7 @@ from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 from tests.training.runs import small
 
 NUM_ROWS, NUM_UPDATES, NUM_AVERAGED = 32, 25, 3
-NUM_UPDATES_OF_NAF = 120  # its hill is flat at first
+NUM_UPDATES_OF_NAF, RATE, RATE_OF_NAF = 200, 5e-3, 3e-3  # its hill is flat at first
 # For `naf`, as the test game's actions point at no cells: the best action is far from the worst.
 CELLS, KINDS = (NO_CELL, 27, 0, 63), (1, 1, 0, 2)
 CHOICES = NETWORKS, (NO_MEMORY, *MEMORIES), HEADS, LOSSES, EXPLORATIONS
@@ -72,7 +72,11 @@ def make(folder, body, memory, head, loss, kind):
         policy=policy,
         game=GameSettings("last_standing", "duel", representation=seen, reward="sparse"),
         learner=LearnerSettings(
-            algorithm=loss, batch_size=NUM_ROWS, n_steps=1, gamma=0.5, learning_rate=5e-3
+            algorithm=loss,
+            batch_size=NUM_ROWS,
+            n_steps=1,
+            gamma=0.5,
+            learning_rate=RATE_OF_NAF if head == NAF else RATE,
         ),
         collector=CollectorSettings(num_worlds=4, steps_per_batch=NUM_ROWS // 4),
         exploration=ExplorationSettings(kind),

@@ -1,4 +1,4 @@
-"""Checkpoints of untrained networks on Deep Line Wars: for benchmarks and tests of play."""
+"""Checkpoints of untrained networks, on Deep Line Wars by default: for benchmarks and tests."""
 
 import dataclasses
 from pathlib import Path
@@ -14,10 +14,10 @@ def save_network(
 ) -> str:
     """Save one and return its folder; an untrained one plays long games.
 
-    scenario: its name; changes: other values of the description's fields, and `options`, of those
-    of the scenario.
+    scenario: its name; changes: other values of the description's fields, `game` among them, and
+    `options`, of those of the scenario.
     """
-    game = GAMES["deep_line_wars"]
+    game = GAMES[changes.pop("game", "deep_line_wars")]
     played = game.scenario(scenario, **changes.pop("options", {}))
     spec = game.make_spec(played)
     shape = spec.representations[representation].shape

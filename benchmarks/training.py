@@ -1,14 +1,15 @@
 """Frame rate of the whole training loop, as a ratio to a bare PyTorch loop without TorchRL.
 
     python -m benchmarks.training [--policy conv] [--frames 20480] [--threads 2] [--autocast]
-                                   [--device cuda]
+                                   [--device cuda] [--processor-time]
 
 Both loops play the same engine with the newest self in every seat, store every transition, and
 make one update of 256 rows per 64 frames with the same network, double Q-learning, Adam and soft
 target updates; only the plumbing differs. A frame is one decision of one world. Best of 5 windows,
 taken in turn; the first window warms up. Generated transitions are off in both. The package's loop
-runs again with `learner.autocast`, in bfloat16, if asked: many CPUs are slower with it; and once
-more with `device`. At the end the package's loops make updates alone, sampling included.
+runs again with `learner.autocast`, in bfloat16, if asked: CPUs without bfloat16 may be slower;
+and once more with `device`. At the end the package's loops make updates alone, in turn too,
+sampling included. On a busy machine take processor time and one thread.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import argparse
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import deepcopy
 from typing import Any
 
@@ -42,6 +43,7 @@ from marl_cair.training.settings.config import (
 from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.settings.replay import ReplaySettings
 
+Clock = Callable[[], float]  # seconds
 WORLDS, STEPS, CAPACITY, MIN_TRANSITIONS = 128, 16, 100_000, 5_000
 WINDOWS, UPDATES = 5, 50
 BATCH, FRAMES_PER_UPDATE = 256, 64
@@ -167,12 +169,12 @@ class FullLoop:
         self.timers = Timers()
         self._steps: Iterator[int] = trainer.iterate(self.run, self.timers)
 
-    def measure_updates(self) -> float:
+    def measure_updates(self, clock: Clock) -> float:
         """Updates per second, of sampled batches."""
-        start = time.perf_counter()
+        start = clock()
         for _ in range(UPDATES):
             self.run.learner.update(self.run.replay.sample())  # which waits for a GPU
-        return UPDATES / (time.perf_counter() - start)
+        return UPDATES / (clock() - start)
 
     def play(self, num_frames: int) -> None:
         """Run whole iterations until `num_frames` more are done."""
@@ -181,11 +183,11 @@ class FullLoop:
             next(self._steps)
 
 
-def measure(loop: BareLoop | FullLoop, num_frames: int) -> float:
+def measure(loop: BareLoop | FullLoop, num_frames: int, clock: Clock) -> float:
     """Frames per second of one window."""
-    start = time.perf_counter()
+    start = clock()
     loop.play(num_frames)
-    return num_frames / (time.perf_counter() - start)
+    return num_frames / (clock() - start)
 
 
 def main() -> None:
@@ -196,7 +198,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2, help="of torch")
     parser.add_argument("--autocast", action="store_true", help="measure bfloat16 too")
     parser.add_argument("--device", help="measure it too: cuda or cuda:N")
+    parser.add_argument("--processor-time", action="store_true", help="seconds of all threads")
     options = parser.parse_args()
+    clock = time.process_time if options.processor_time else time.perf_counter
     torch.set_num_threads(options.threads)
     folder = tempfile.mkdtemp(prefix="marl_cair_benchmark_")
     try:
@@ -210,16 +214,19 @@ def main() -> None:
         rates: dict[str, list[float]] = {name: [] for name in loops}
         for window in range(WINDOWS + 1):
             for name, loop in loops.items():
-                rate = measure(loop, options.frames)
+                rate = measure(loop, options.frames, clock)
                 if window:
                     rates[name].append(rate)
-        report(loops, rates, options)
+        report(loops, rates, options, clock)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def report(
-    loops: dict[str, Any], rates: dict[str, list[float]], options: argparse.Namespace
+    loops: dict[str, Any],
+    rates: dict[str, list[float]],
+    options: argparse.Namespace,
+    clock: Clock,
 ) -> None:
     """Print rates, ratios and where the time goes."""
     print(
@@ -233,9 +240,10 @@ def report(
         print(
             f"{name:24s} {max(values):8,.0f} frames/s  {max(values) / reference:6.1%}  ({spread})"
         )
-    for name, loop in loops.items():
-        if isinstance(loop, FullLoop):
-            print(f"{name:24s} {loop.measure_updates():8,.1f} updates/s, sampling included")
+    full = {name: loop for name, loop in loops.items() if isinstance(loop, FullLoop)}
+    rounds = [[loop.measure_updates(clock) for loop in full.values()] for _ in range(WINDOWS)]
+    for name, each in zip(full, zip(*rounds, strict=True), strict=True):
+        print(f"{name:24s} {max(each):8,.1f} updates/s, sampling included ({min(each):,.1f} ..)")
     seconds = loops[FULL].timers.report(1)
     parts = {name: value for name, value in seconds.items() if name.startswith("seconds/")}
     total = sum(parts.values())

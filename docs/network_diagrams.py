@@ -39,6 +39,7 @@ CONVOLUTIONS = tuple(
     for layer in SMALL_BOARD
 )
 DENSE = Box("dense", "F features", OUTPUT)
+BOARD = Box("planes, features", "C x H x W, F", INPUT)
 PARTS: dict[str, tuple[Box, ...]] = {
     "conv": (PLANES, *CONVOLUTIONS, DENSE),
     "capsule": (
@@ -78,7 +79,18 @@ PARTS: dict[str, tuple[Box, ...]] = {
         Box("GRU cell", "h, W numbers:\nthe state", ROUTED),
         Box("h", "W features", OUTPUT),
     ),
+    "distances": (
+        PLANES,
+        Box("convolution 1x1, exp", "cost of each cell"),
+        Box("cheapest paths", "C planes of nearness,\nfor the body too", ROUTED),
+        Box("attention, dense", "F features, added\nto the body's", OUTPUT),
+    ),
     "plain": (FEATURES, Box("dense", "A values", OUTPUT)),
+    "length": (
+        Box("primary capsules", "I x 8 numbers", INPUT),
+        Box("dynamic routing,\n3 passes", "A capsules x 16", ROUTED),
+        Box("length", "A values", OUTPUT),
+    ),
     "quantile": (
         FEATURES,
         Box("dense, dueling", "A x K quantiles"),
@@ -98,6 +110,24 @@ BRANCHES: dict[str, tuple[Box, Box, Box, Box]] = {
         Box("dense", "V, one number"),
         Box("dense", "mu, 3 numbers\nL, 6 numbers"),
         Box("$V - |L^T (u - \\mu)|^2 / 2$", "A values", OUTPUT),
+    ),
+    "grid": (
+        BOARD,
+        Box("dense (features)", "V, one number"),
+        Box("two convolutions 3x3,\ndense, 1x1", "A advantages in each cell"),
+        Box("V + A - mean A", "A values in each cell", OUTPUT),
+    ),
+    "cell_values": (
+        BOARD,
+        Box("head (features)", "A values"),
+        Box("two convolutions 3x3,\ndense, 1x1", "K values in each cell,\none of each kind"),
+        Box("sum", "A values", OUTPUT),
+    ),
+    "noisy": (
+        Box("inputs", "x", INPUT),
+        Box("dense", "W x + b"),
+        Box("dense, times noise", "of learned size: S, s", ROUTED),
+        Box("sum", "y", OUTPUT),
     ),
 }
 

@@ -35,11 +35,18 @@ class LazyTable(Mapping[str, T]):
     places: name -> "module:attribute", or the entry itself.
     group: of entry points, for example "marl_cair.networks"; "": the table is closed.
     base: "module:class", of which an entry from outside must be a subclass; "": any callable.
+    flags: attributes that the class of an entry from outside must have, each True or False.
     """
 
-    def __init__(self, places: Mapping[str, str | T], group: str = "", base: str = "") -> None:
+    def __init__(
+        self,
+        places: Mapping[str, str | T],
+        group: str = "",
+        base: str = "",
+        flags: Collection[str] = (),
+    ) -> None:
         self._places = dict(places)
-        self._group, self._base = group, base
+        self._group, self._base, self._flags = group, base, flags
 
     @cached_property
     def _points(self) -> dict[str, EntryPoint]:
@@ -67,6 +74,12 @@ class LazyTable(Mapping[str, T]):
             holds, needed = callable(found), "a function or a class"
         if not holds:
             raise outside.OutsideCodeError(f"{name} is {found!r:.80}, it must be {needed}")
+        for flag in self._flags:
+            if not isinstance(getattr(found, flag, None), bool):
+                raise outside.OutsideCodeError(
+                    f"{name} has {flag} {getattr(found, flag, 'not set')!r:.80}: set it to True or "
+                    "False in the class"
+                )
         entry: T = found
         return entry
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -34,6 +35,28 @@ def test_the_page_names_all():
 def test_they_are_small():
     files = [path for path in AGENTS.rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < 15e6
+
+
+# Saved by the code of commit dfe3df4: a small capsule network with random weights, whose settings
+# and description lack what came later. Below, its first values there, of random observations.
+OLD = Path(__file__).parent / "data" / "agent_of_2026_11_23"
+OLD_VALUES = (
+    (-0.4950242, -0.1653158, -0.7182301, -0.8601860),
+    (-0.4800467, -0.1475441, -0.6981204, -0.8277428),
+)
+
+
+def test_an_agent_of_an_earlier_version_loads_and_plays():
+    agent, about = load_agent(OLD), read_description(OLD)
+    seen = np.random.default_rng(0).integers(0, 256, (4, *about.observation_shape), np.uint8)
+    values = agent.values(seen, np.ones((4, len(about.action_names)), np.bool_))
+    np.testing.assert_allclose(values[:2, :4], OLD_VALUES, atol=1e-5)
+    assert values.argmax(1).tolist() == [76] * 4
+    game = GAMES[about.game]
+    scenario = game.scenario(about.scenario, **about.scenario_options)
+    match = play_match(agent, game.bot("random", scenario), game, scenario, 4, 0)
+    assert not match.forfeits
+    assert match.distinct_games == 4
 
 
 def test_weights_are_half_as_exact_and_play_in_full_precision():

@@ -49,6 +49,17 @@ def test_links_lead_somewhere():
     assert broken == []
 
 
+def test_scripts_that_pages_name_exist():
+    missing = [
+        f"{name(page)}: {script}"
+        for page in PAGES
+        if page.name != "CHANGELOG.md"  # of any version
+        for script in re.findall(r"python -m (benchmarks\.\w+)", page.read_text("utf-8"))
+        if not (ROOT / (script.replace(".", "/") + ".py")).is_file()
+    ]
+    assert missing == []
+
+
 @pytest.mark.parametrize("line", TRAIN_COMMANDS)
 def test_commands_of_training_are_understood(line):
     words = shlex.split(line, comments=True)[2:]

@@ -9,12 +9,12 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_585,
-    "policies": 2_410,
+    "policies": 2_415,
     "replay": 2_290,
     "generative": 2_960,
     "self_play": 1_035,
     "league": 8_030,
-    "training": 7_440,
+    "training": 7_560,
     "experiments": 1_640,
     "viewer": 725,
     "window": 2_675,
@@ -22,7 +22,7 @@ MAX_LINES = {
     "dashboard": 305,
     "conf": 10,
     "cli": 4_320,
-    "": 1_940,  # the modules that every part may import
+    "": 1_950,  # the modules that every part may import
 }
 
 

@@ -37,7 +37,7 @@ class QNetwork(nn.Module):
         values_shape: of the values of one observation, (A,), or (H, W, A) where an action is chosen
             at each cell (`config.action_shape`): read "[..., A]" so below.
 
-    Raises ValueError for a shape that the body does not support, or `num_actions` below 1.
+    Raises ValueError for a shape that the body does not support, or `num_actions` below 2.
     """
 
     middle: Tensor
@@ -47,8 +47,11 @@ class QNetwork(nn.Module):
         self, config: QNetworkConfig, observation_shape: Sequence[int], num_actions: int
     ) -> None:
         super().__init__()
-        if num_actions < 1:
-            raise ValueError(f"num_actions is {num_actions}, but a network needs at least 1 action")
+        if num_actions < 2:
+            raise ValueError(
+                f"num_actions is {num_actions}, but a network needs at least 2 actions to choose "
+                "between: use a scenario with more"
+            )
         self.config = config
         self.observation_shape = tuple(int(size) for size in observation_shape)
         self.num_actions = num_actions

@@ -46,6 +46,7 @@ from marl_cair.training.initial_network import (
     make_initial_network,
 )
 from marl_cair.training.learner import Learner
+from marl_cair.training.outside_loss import check_loss
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings import config_file
 from marl_cair.training.settings.checks import find_device
@@ -209,6 +210,7 @@ class TrainingRun:
         wanted = (self.game.name, seen, shape, num_actions)
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
         exploration = make_exploration(config.exploration, self.spec.action_groups)
+        check_loss(config.learner, network, self.transition_spec)
         network = network.to(self.device)
         self.learner = Learner(network, config.learner, config.demonstration, seeds[16])
         random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration

@@ -1,11 +1,14 @@
 """`marl-cair experiment` and `reproduce`: plans by name, and what is refused."""
 
+from pathlib import Path
+
 import pytest
 
 from marl_cair.cli import main
 from marl_cair.cli.experiment import CONF, compose, list_plans
 from marl_cair.experiments.cells import make_cells
 from marl_cair.experiments.plan import read_plan
+from tests.processes import ROOT
 from tests.refusals import assert_refused
 
 PLAN = """
@@ -73,9 +76,16 @@ def test_the_plan_of_the_guide_can_be_run(tmp_path):
     assert len(cells) == 3 * (4 + 2 + 2)  # of the maze only those with generated transitions
 
 
+PLANS = [Path(str(CONF / "plan" / f"{name}.yaml")) for name in list_plans()]
+OTHERS = sorted((ROOT / "benchmarks" / "plans").glob("*.yaml"))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list_plans())
-def test_each_cell_of_a_ready_made_plan_can_be_composed(name, tmp_path):
-    plan = read_plan(str(CONF / "plan" / f"{name}.yaml"))
+@pytest.mark.parametrize("path", [*PLANS, *OTHERS], ids=lambda path: path.stem)
+def test_each_cell_of_a_plan_can_be_composed(path, tmp_path):
+    plan = read_plan(path)
     cells = make_cells(plan, compose, 1.0, tmp_path)
     assert len({cell.name for cell in cells}) == len(cells) >= len(plan.seeds)
+    trained = [cell.config for cell in cells if not (cell.agent or cell.trainer)]
+    for config in trained:  # which learns nothing without
+        assert config.learner.algorithm != "pqn" or config.policy.norm == "layer"

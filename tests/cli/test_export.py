@@ -1,23 +1,29 @@
 """Exported agents choose the agent's actions on recorded observations, with and without torch."""
 
 import json
+import runpy
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks import _networks
+from marl_cair.checkpoint import load_network, save_agent
 from marl_cair.cli import main
 from marl_cair.cli.agent import export
 from marl_cair.cli.agent.export import MASK_RULE, export_agent
 from marl_cair.games import GAMES
 from marl_cair.games.engine import BatchedEngine
+from marl_cair.league.agents.foreign import ForeignAgent
 from marl_cair.league.agents.load import load_agent
+from marl_cair.league.play.match import play_match
 from marl_cair.policies.config import QNetworkConfig
 from tests.processes import ROOT, read_output
 from tests.refusals import assert_refused
 
 onnxruntime = pytest.importorskip("onnxruntime")
 SCENARIO = "11x11"
+RUNNER_FILE = ROOT / "examples" / "onnx_agent.py"
 GAME = GAMES["deep_line_wars"]
 SPEC = GAME.make_spec(GAME.scenario(SCENARIO))
 SIZES = {
@@ -105,12 +111,13 @@ def test_actions_equal_the_agents_on_1000_observations(name, recorded, tmp_path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("memory", ["lstm", "gru"])
-def test_an_exported_memory_continues_from_the_state_it_returns(memory, recorded, tmp_path):
+def test_an_exported_memory_continues_from_the_state_it_returns(memory, recorded, tmp_path, capsys):
     config = QNetworkConfig(hidden_width=16, memory=memory, memory_width=8)
     folder = _networks.save_network(tmp_path / memory, SCENARIO, "planes", config, seed=3)
-    about = export_agent(folder, tmp_path / "agent.onnx")
-    agent = load_agent(folder)
-    assert about["state_size"] == str(agent.state_size)
+    assert main(["export", folder, str(tmp_path / "agent.onnx")]) == 0
+    agent, printed = load_agent(folder), capsys.readouterr().out
+    assert f"action_mask bool [N, A], state float32 [N, {agent.state_size}]\n" in printed
+    assert f"action int64 [N], next_state float32 [N, {agent.state_size}];" in printed
     session = onnxruntime.InferenceSession(tmp_path / "agent.onnx")
     observation = recorded[0]["planes"].reshape(20, 50, *recorded[0]["planes"].shape[1:])
     mask = recorded[1].reshape(20, 50, -1)
@@ -126,6 +133,41 @@ def test_an_exported_memory_continues_from_the_state_it_returns(memory, recorded
     assert np.abs(own).max() > 1e-3
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["recurrent", "grid"])
+def test_the_runner_of_the_examples_plays_the_agents_games(kind, tmp_path):
+    if kind == "recurrent":
+        game, name, options = GAME, SCENARIO, {"max_ticks": 300}
+        config = QNetworkConfig(hidden_width=16, memory="lstm", memory_width=8)
+    else:
+        game, name = GAMES["deep_rts"], "1v1-15x15"
+        options, config = {"actions": "grid", "max_ticks": 300}, QNetworkConfig(hidden_width=16)
+    scenario = game.scenario(name, **options)
+    spec = game.make_spec(scenario)
+    config = config.with_actions([], [], spec.action_shape)
+    folder = _networks.save_network(
+        tmp_path / "agent", name, "planes", config, seed=3, game=game.name, options=options
+    )
+    network, description = load_network(folder)
+    if kind == "grid":
+        torch.nn.init.normal_(network.head.values.weight)  # an untrained one has zeros
+    else:
+        for weight in network.memory.parameters():
+            weight.data *= 4  # the past counts as much as the present
+    save_agent(folder, network, description)
+    about = export_agent(folder, tmp_path / "agent.onnx")
+    assert (about["state_size"] == "0") == (kind == "grid")
+    exported = runpy.run_path(str(RUNNER_FILE))["OnnxAgent"](tmp_path / "agent.onnx")
+    foreign = ForeignAgent(exported, "exported", spec, "")
+    bot, names = game.bot("random", scenario), ("agent", "random")
+    matches = [
+        play_match(agent, bot, game, scenario, 4, 0, names)
+        for agent in (load_agent(folder), foreign)
+    ]
+    assert not matches[1].forfeits
+    assert matches[1].results == matches[0].results  # with the hash of all actions
+
+
 RUNNER = """
 import runpy, sys
 sys.argv = ["onnx_agent.py", "agent.onnx", "--games", "2"]
@@ -139,10 +181,10 @@ def test_the_command_and_the_runner_without_torch(tmp_path, capsys):
     folder = save(tmp_path, "mlp")
     assert main(["export", folder, str(tmp_path / "agent.onnx")]) == 0
     assert "action_mask bool [N, A]" in capsys.readouterr().out
-    path = ROOT / "examples" / "onnx_agent.py"
-    output = read_output(tmp_path, "-c", RUNNER.format(path=str(path)))
+    output = read_output(tmp_path, "-c", RUNNER.format(path=str(RUNNER_FILE)))
     assert "against random" in output
     assert "of 2 games" in output
+    assert "forfeited" not in output
 
 
 def test_a_missing_library_is_named_with_the_command(tmp_path, capsys, monkeypatch):

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
+from marl_cair.policies import HEADS
 from marl_cair.policies.body import standardise_changes
 from marl_cair.policies.conv import ConvLayer, choose_layers
 from marl_cair.policies.heads import DuelingHead
@@ -31,7 +32,7 @@ def random_bytes(*shape: int, seed: int = 0) -> Tensor:
     planes=st.integers(1, 5),
     rows=st.integers(8, 128),
     columns=st.integers(8, 128),
-    num_actions=st.integers(1, 300),
+    num_actions=st.integers(2, 300),
     num_rows=st.integers(0, 3),
 )
 def test_any_board_and_any_number_of_actions_give_finite_values(
@@ -349,5 +350,12 @@ def test_wrong_observations_and_a_network_without_actions_are_refused():
         network(random_bytes(2, 3, 10, 14))
     with pytest.raises(TypeError, match=r"dtype torch.int64, but must be torch.uint8"):
         network(torch.zeros(2, 3, 10, 15, dtype=torch.int64))
-    with pytest.raises(ValueError, match="num_actions is 0, but a network needs at least 1"):
-        make("conv", num_actions=0)
+
+
+@pytest.mark.parametrize("head", HEADS)
+@pytest.mark.parametrize("num_actions", [0, 1])
+def test_a_game_without_a_choice_is_refused(head, num_actions):
+    body = "thesis_capsule" if head == "length" else "conv"
+    message = f"num_actions is {num_actions}, but a network needs at least 2 actions"
+    with pytest.raises(ValueError, match=message):
+        make(body, num_actions=num_actions, head=head)

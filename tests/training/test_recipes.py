@@ -13,10 +13,11 @@ from tests.training.runs import train
 NETWORKS = "dqn", "double_dqn", "dueling_dqn", "dcqn", "drqn", "rcqn", "rainbow"
 THESIS = [name for name in list_choices("recipe") if name.startswith("thesis/")]
 SHORT = (
-    *("game=last_standing", "scenario=duel", "game.reward=sparse", "opponent=random"),
-    *("policy.hidden_width=16", "collector.num_worlds=8", "learner.batch_size=16"),
-    *("replay.capacity_transitions=3000", "replay.min_transitions=64", "generator=none"),
-    *("evaluation.every_frames=256", "evaluation.games=2", "total_frames=512", "torch_threads=1"),
+    *("game=last_standing", "scenario=duel", "representation=planes", "opponent=random"),
+    *("game.reward=sparse", "policy.hidden_width=16", "collector.num_worlds=8"),
+    *("learner.batch_size=16", "replay.capacity_transitions=3000", "replay.min_transitions=64"),
+    *("generator=none", "evaluation.every_frames=256", "evaluation.games=2", "total_frames=512"),
+    "torch_threads=1",
 )
 
 
@@ -60,14 +61,14 @@ def test_a_network_joins_the_recipe_of_a_game():
 def test_the_thesis_has_its_hyper_parameters():
     rates = {name.removeprefix("thesis/"): compose(name).learner.learning_rate for name in THESIS}
     slow = dict.fromkeys(("deep_line_wars", "deep_maze", "deep_rts"), 3e-5)
-    assert rates == {**slow, "flappy_bird": 2e-4}
+    assert rates == {**slow, "flappy_bird": 2e-4, "multitask": 1e-4}
     for name in THESIS:
         config = compose(name)
         learner, exploration = config.learner, config.exploration
         assert (learner.optimizer, learner.loss, learner.batch_size) == ("sgd", "smooth_l1", 16)
         assert (learner.gamma, config.replay.capacity_transitions) == (0.98, 1_000_000)
         assert (exploration.epsilon_start, exploration.epsilon_end) == (1.0, 0.1)
-        assert f"thesis/{config.game.name}" == name
+        assert config.game.name == {"thesis/multitask": "flash"}.get(name, name[len("thesis/") :])
         assert config.synthetic_fraction == 0.2
         assert compose(name, "policy=thesis_capsule").policy.head == "length"
 

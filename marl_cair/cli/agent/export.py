@@ -41,12 +41,14 @@ def run(arguments: Sequence[str]) -> int:
     options = make_parser().parse_args(arguments)
     about = export_agent(options.agent, options.file)
     places = "H, W, " if json.loads(about["network"]).get("action_shape") else ""
+    size = int(about["state_size"])
+    state, after = (f", {each}state float32 [N, {size}]" if size else "" for each in ("", "next_"))
     sys.stdout.write(
         f"{options.file}: {about['name']} of {about['game']} {about['scenario']}\n"
         f"inputs   observation {about['observation_dtype']} [N, "
         f"{', '.join(map(str, json.loads(about['observation_shape'])))}], action_mask bool "
-        f"[N, {places}A]\n"
-        f"outputs  values float32 [N, {places}A], action int64 [N{places and ', H, W'}]; "
+        f"[N, {places}A]{state}\n"
+        f"outputs  values float32 [N, {places}A], action int64 [N{places and ', H, W'}]{after}; "
         f"A = {about['num_actions']}\n"
     )
     return EXIT_DONE

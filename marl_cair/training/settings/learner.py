@@ -36,6 +36,7 @@ LOSSES: LazyTable[Any] = LazyTable(
     },
     group="marl_cair.losses",
     base="marl_cair.training.losses:Loss",
+    flags=("LEARNS_FROM_REPLAY", "HAS_TARGET_NETWORK", "READS_SEQUENCES", "TAKES_ACTION_SHAPES"),
 )
 AVERAGE, GREEDY = PLAYED = ("average", "greedy")
 
@@ -66,7 +67,7 @@ class LearnerSettings:
     average_decay: ShareBelowOne = 0.995  # of the averaged weights per update; 0: newest weights
     behaviour: str = AVERAGED  # weights that collect: averaged, as rated, or newest
     max_grad_norm: Positive = 10.0  # longer gradients are scaled down to it
-    autocast: bool = False  # bodies of networks learn in bfloat16: quicker on GPUs, CPUs with AMX
+    autocast: bool = False  # bodies of networks learn in bfloat16: quicker where processors have it
     reward_scale: Positive = 1.0  # rewards are multiplied by it before they are stored
 
     def __post_init__(self) -> None:

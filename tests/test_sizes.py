@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 2_960,
     "self_play": 1_035,
     "league": 8_070,
-    "training": 7_440,
+    "training": 7_510,
     "experiments": 1_640,
     "viewer": 725,
     "window": 2_445,

@@ -1,5 +1,7 @@
 """`marl-cair experiment` and `reproduce`: plans by name, and what is refused."""
 
+import csv
+
 import pytest
 
 from marl_cair.cli import main
@@ -79,3 +81,21 @@ def test_each_cell_of_a_ready_made_plan_can_be_composed(name, tmp_path):
     plan = read_plan(str(CONF / "plan" / f"{name}.yaml"))
     cells = make_cells(plan, compose, 1.0, tmp_path)
     assert len({cell.name for cell in cells}) == len(cells) >= len(plan.seeds)
+
+
+@pytest.mark.slow
+def test_two_tasks_of_the_thesis_are_reproduced_within_a_budget(tmp_path, capsys):
+    out, tasks = tmp_path / "out", ("deep_maze", "flappy_bird")
+    words = ["reproduce", "thesis", "--only", *tasks, "conv", "none", "--out", str(out)]
+    assert main([*words, "--budget", "1m", "--workers", "2"]) == 0
+    assert "Scaled down by --budget 1m: each run has" in capsys.readouterr().out
+    with (out / "table.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    networks = [(row["task"], row["network"]) for row in rows]
+    assert set(networks) == {
+        *(("deep_maze", name) for name in ("random", "oracle", "conv")),
+        *(("flappy_bird", name) for name in ("random", "oracle", "conv")),
+    }
+    assert [row["runs"] for row in rows if row["network"] == "conv"] == ["3", "3"]
+    for task in tasks:
+        assert (out / f"panels_{task}.png").read_bytes().startswith(b"\x89PNG")

@@ -212,6 +212,9 @@ class _Training:
         if len(self.chains):
             held, imagine = self.data.heldout, self.imagine
             numbers |= quality.measure_open_loop(held, self.chains, imagine, self.about)
+        if "open_loop/1_changed_f1" in numbers:
+            least_f1 = self.settings.config.gate.min_changed_f1
+            numbers["open_loop/safe_steps"] = quality.find_safe_steps(numbers, least_f1)
         self.guesses.append(self.imagine(self.drawn).observation)
         return {**numbers, "speed/rows_per_processor_second": len(self.heldout) / max(spent, 1e-9)}
 

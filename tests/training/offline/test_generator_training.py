@@ -103,6 +103,7 @@ def test_a_generator_learns_from_a_data_set(folder, tmp_path):
     for name in ("cells/changed_f1", "reward/explained", "mask/accuracy", "accepted/share"):
         assert -9.0 <= numbers[-1][name] <= 1.0
     assert "open_loop/1_changed_f1" in numbers[-1]
+    assert numbers[-1]["open_loop/safe_steps"] in (0, 1, 2, 4, 8, 16)
     files = {path.name for path in (tmp_path / "run").iterdir()}
     assert {"generator.pt", "quality.csv", "losses.csv", "predictions.png", "losses.png"} <= files
     assert (tmp_path / "run" / "losses.csv").read_text("utf-8").count("\n") == 1 + 12

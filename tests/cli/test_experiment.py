@@ -85,7 +85,7 @@ def test_each_cell_of_a_ready_made_plan_can_be_composed(name, tmp_path):
 
 @pytest.mark.slow
 def test_two_tasks_of_the_thesis_are_reproduced_within_a_budget(tmp_path, capsys):
-    out, tasks = tmp_path / "out", ("deep_maze", "flappy_bird")
+    out, tasks = tmp_path / "out", ("deep_line_wars", "flappy_bird")
     words = ["reproduce", "thesis", "--only", *tasks, "conv", "none", "--out", str(out)]
     assert main([*words, "--budget", "1m", "--workers", "2"]) == 0
     assert "Scaled down by --budget 1m: each run has" in capsys.readouterr().out
@@ -93,7 +93,7 @@ def test_two_tasks_of_the_thesis_are_reproduced_within_a_budget(tmp_path, capsys
         rows = list(csv.DictReader(file))
     networks = [(row["task"], row["network"]) for row in rows]
     assert set(networks) == {
-        *(("deep_maze", name) for name in ("random", "oracle", "conv")),
+        *(("deep_line_wars", name) for name in ("random", "counter", "conv")),
         *(("flappy_bird", name) for name in ("random", "oracle", "conv")),
     }
     assert [row["runs"] for row in rows if row["network"] == "conv"] == ["3", "3"]

@@ -24,6 +24,13 @@ from tests.experiments.test_experiment import read_looks
 from tests.processes import ROOT, run_python
 
 WAIT_SECONDS = 120.0
+# The command line, on a machine that other work may keep busy.
+PATIENT = """import sys
+from marl_cair import cluster
+from marl_cair.cli import main
+cluster._CONNECT_SECONDS = cluster._ANSWER_SECONDS = 600.0
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 @pytest.fixture(scope="module")
@@ -190,9 +197,10 @@ def test_a_plan_whose_head_is_killed_is_resumed_on_a_new_one(machines, tmp_path)
     def start():
         head = Cluster(initialize_head=True, head_node_args=limits)
         stack.callback(head.shutdown)
-        command = [sys.executable, "-m", "marl_cair", "experiment", tmp_path / "plan.yaml"]
+        words = ["experiment", tmp_path / "plan.yaml", "--out", out]
+        words += ["--cluster", f"ray:{head.address}"]
         process = subprocess.Popen(
-            [*command, "--out", out, "--cluster", f"ray:{head.address}"],
+            [sys.executable, "-c", PATIENT, *words],
             env={**os.environ, "PYTHONPATH": str(ROOT)},
         )
         stack.callback(process.kill)

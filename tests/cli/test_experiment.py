@@ -87,15 +87,11 @@ def test_each_cell_of_a_ready_made_plan_can_be_composed(name, tmp_path):
 def test_two_tasks_of_the_thesis_are_reproduced_within_a_budget(tmp_path, capsys):
     out, tasks = tmp_path / "out", ("deep_line_wars", "flappy_bird")
     words = ["reproduce", "thesis", "--only", *tasks, "conv", "none", "--out", str(out)]
-    assert main([*words, "--budget", "1m", "--workers", "2"]) == 0
-    assert "Scaled down by --budget 1m: each run has" in capsys.readouterr().out
+    assert main([*words, "--budget", "30s", "--workers", "2"]) == 0
+    assert "Scaled down by --budget 30s: each run has" in capsys.readouterr().out
     with (out / "table.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    networks = [(row["task"], row["network"]) for row in rows]
-    assert set(networks) == {
-        *(("deep_line_wars", name) for name in ("random", "counter", "conv")),
-        *(("flappy_bird", name) for name in ("random", "oracle", "conv")),
-    }
-    assert [row["runs"] for row in rows if row["network"] == "conv"] == ["3", "3"]
+    found = [(row["task"], row["network"], row["runs"]) for row in rows]
+    assert found == [(task, "conv", "3") for task in tasks]
     for task in tasks:
         assert (out / f"panels_{task}.png").read_bytes().startswith(b"\x89PNG")

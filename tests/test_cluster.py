@@ -2,12 +2,14 @@
 
 import os
 import re
+import subprocess
 import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+import yaml
 
 from marl_cair import cluster
 from marl_cair.cluster import ClusterError, Node, RayPool, check_cluster
@@ -19,8 +21,16 @@ from marl_cair.experiments.remote import RayTasks
 from marl_cair.league.league import LeagueConfig, run_league
 from tests.experiments.plans import TINY, change_task, compose_layers, list_cells, make_plan
 from tests.experiments.test_experiment import read_looks
+from tests.processes import ROOT, run_python
 
 WAIT_SECONDS = 120.0
+# The command line, on a machine that other work may keep busy.
+PATIENT = """import sys
+from marl_cair import cluster
+from marl_cair.cli import main
+cluster._CONNECT_SECONDS = cluster._ANSWER_SECONDS = 600.0
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 @pytest.fixture(scope="module")
@@ -53,8 +63,8 @@ def pool(where):
         yield opened
 
 
-def wait_for(condition):
-    end = time.monotonic() + WAIT_SECONDS
+def wait_for(condition, seconds=WAIT_SECONDS):
+    end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "this has taken too long"
         time.sleep(0.05)
@@ -102,6 +112,33 @@ def test_machines_with_other_versions_or_folders_are_named(pool, tmp_path, monke
         pool.require_shared(tmp_path)
 
 
+def test_a_machine_with_other_versions_is_named_by_its_own_answer(machines, pool, tmp_path):
+    """Its processes find packages of other versions first."""
+    for name in ("marl_cair", "ray"):
+        about = tmp_path / f"{name}-9.9.dist-info" / "METADATA"
+        about.parent.mkdir()
+        about.write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 9.9\n", "utf-8")
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    other = machines.add_node(num_cpus=0, env_vars={"PYTHONPATH": path})
+    with pytest.raises(ClusterError, match=r"has marl_cair 9.9 and not \S+, ray 9.9 and not \S+: "):
+        pool.require_shared(tmp_path)
+    machines.remove_node(other)
+    wait_for(lambda: all(node.num_cpus for node in pool.nodes))
+    pool.require_shared(tmp_path)
+
+
+def test_a_cluster_of_another_ray_is_not_joined(machines):
+    """Ray itself says so, when a process joins."""
+    lines = (
+        "import ray, marl_cair.cluster as cluster",
+        "ray.__version__ = '9.9'",
+        f"cluster._CONNECT_SECONDS = {WAIT_SECONDS}",
+        f"cluster.RayPool('ray:{machines.address}', 1)",
+    )
+    done = run_python(ROOT, "-c", "\n".join(lines))
+    assert re.search(r"ClusterError: the Ray at \S+ cannot be joined \(Version mism", done.stderr)
+
+
 def test_errors_of_tasks_are_those_of_the_function(pool, monkeypatch):
     monkeypatch.setattr(cluster, "_RETRIES", 0)
     with pytest.raises(ZeroDivisionError, match="^integer division or modulo by zero$"):
@@ -143,6 +180,39 @@ def test_a_killed_machine_costs_its_unfinished_work_only(machines, pool, where, 
         cell.save(folder)
         assert worker.run_cell(folder, lambda share, rows: None)
         assert read_looks(file) == read_looks(folder / LOOKS_FILE)
+
+
+@pytest.mark.slow
+def test_a_plan_whose_head_is_killed_is_resumed_without_it(machines, tmp_path):
+    from ray.cluster_utils import Cluster
+
+    changes = {"seeds": [0], "budget": {"frames": 1024}}
+    changes["tasks"] = change_task(agents=[], scale=[], when={"pqn": None})
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump({**TINY, **changes}), "utf-8")
+    plan, out = make_plan(**changes), tmp_path / "out"
+    (cell,) = list_cells(plan, tmp_path / "whole")
+    file = out / "cells" / cell.name / LOOKS_FILE
+    limits = {"num_cpus": 1, "object_store_memory": 80 << 20, "include_dashboard": False}
+    with ExitStack() as stack:
+        head = Cluster(initialize_head=True, head_node_args=limits)
+        stack.callback(head.shutdown)
+        words = ["experiment", tmp_path / "plan.yaml", "--out", out]
+        process = subprocess.Popen(
+            [sys.executable, "-c", PATIENT, *words, "--cluster", f"ray:{head.address}"],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        stack.callback(process.kill)
+        wait_for(lambda: file.exists() and len(read_looks(file)) >= 3, seconds=600.0)
+        head.remove_node(head.head_node, allow_graceful=False)
+        assert process.wait(600) != 0
+    assert not (file.parent / DONE_FILE).exists()
+    result = run_experiment(plan, ExperimentConfig(out=out, workers=1), compose_layers)
+    assert (result.failed, result.skipped) == ({}, {})
+    folder = tmp_path / "whole" / "cells" / cell.name
+    folder.mkdir(parents=True)
+    cell.save(folder)
+    assert worker.run_cell(folder, lambda share, rows: None)
+    assert read_looks(file) == read_looks(folder / LOOKS_FILE)
 
 
 @pytest.mark.slow

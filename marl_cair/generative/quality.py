@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from itertools import takewhile
 from typing import NamedTuple
 
 import torch
@@ -38,8 +39,9 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     are left out.
 
     cells/...: of boards and frames, with the copy baseline beside them. moved: share of the cells
-    to which a unit has moved where a value is predicted; moved_exactly: the right value. exact:
-    whole observations.
+    to which a unit has moved where a value is predicted (a recall); moved_exactly: the right value;
+    moved_precision: share of the predicted moves whose cell does hold a value. exact: whole
+    observations.
     """
     numbers = _measure_cells(rows, made.observation, spec)
     ends = rows["next", "terminated"].squeeze(-1)
@@ -73,6 +75,9 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
     if moved.any():
         numbers["cells/moved"] = _share((guess[:, moving] > 0)[moved])
         numbers["cells/moved_exactly"] = _share(same[:, moving][moved])
+    claimed = find_moves(now[:, moving], guess[:, moving])
+    if claimed.any():
+        numbers["cells/moved_precision"] = _share((real[:, moving] > 0)[claimed])
     accuracy, copies = (_find_plane_accuracy(one, real, spec) for one in (guess, now))
     scalars = range(spec.num_spatial, spec.num_planes)
     if scalars:
@@ -191,6 +196,15 @@ def measure_open_loop(
             found = _compare_open(start, real, seen, known, spec)
             numbers |= {f"open_loop/{step + 1}_{name}": value for name, value in found.items()}
     return numbers
+
+
+def find_safe_steps(numbers: Mapping[str, float], least_f1: float) -> int:
+    """The longest roll-out, of HORIZONS, up to which each changed-cell F1 of `measure_open_loop` is
+    `least_f1` or more; 0 if the first step's is not.
+    """
+    named = ((steps, numbers.get(f"open_loop/{steps}_changed_f1", 0.0)) for steps in HORIZONS)
+    good = list(takewhile(lambda one: one[1] >= least_f1, named))
+    return good[-1][0] if good else 0
 
 
 def trace_values(known: Tensor, later: Tensor) -> Tensor:

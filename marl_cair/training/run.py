@@ -329,7 +329,9 @@ class TrainingRun:
             state["rated"] = self.rated.state_dict()
         with files.replaced_folder(self.folder / RESUME_FOLDER) as fresh:
             if self.generator:
-                state["generator"] = generators.save_generator(self.generator, fresh)
+                fields = config_file.learned_fields(self.config)
+                made_for = generators.describe_task(self.game, fields, self.spec)
+                state["generator"] = generators.save_generator(self.generator, fresh, made_for)
             state_file.save_state(state, fresh)
             if self.config.checkpoint.include_replay:
                 self.replay.save(fresh / REPLAY_FOLDER)

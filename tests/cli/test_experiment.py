@@ -1,5 +1,6 @@
 """`marl-cair experiment` and `reproduce`: plans by name, and what is refused."""
 
+import csv
 from pathlib import Path
 
 import pytest
@@ -89,3 +90,17 @@ def test_each_cell_of_a_plan_can_be_composed(path, tmp_path):
     trained = [cell.config for cell in cells if not (cell.agent or cell.trainer)]
     for config in trained:  # which learns nothing without
         assert config.learner.algorithm != "pqn" or config.policy.norm == "layer"
+
+
+@pytest.mark.slow
+def test_two_tasks_of_the_thesis_are_reproduced_within_a_budget(tmp_path, capsys):
+    out, tasks = tmp_path / "out", ("deep_line_wars", "flappy_bird")
+    words = ["reproduce", "thesis", "--only", *tasks, "conv", "none", "--out", str(out)]
+    assert main([*words, "--budget", "30s", "--workers", "2"]) == 0
+    assert "Scaled down by --budget 30s: each run has" in capsys.readouterr().out
+    with (out / "table.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = [(row["task"], row["network"], row["runs"]) for row in rows]
+    assert found == [(task, "conv", "3") for task in tasks]
+    for task in tasks:
+        assert (out / f"panels_{task}.png").read_bytes().startswith(b"\x89PNG")

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 import torch
@@ -220,31 +221,35 @@ def fail(cell, look):
     raise ValueError("no luck")
 
 
-@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the cells' processes in /proc")
 def test_a_killed_plan_is_resumed_and_equals_an_uninterrupted_one(tmp_path):
-    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(TINY), "utf-8")
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-
-    def start(out):
-        command = [sys.executable, "-m", "marl_cair", "experiment", tmp_path / "plan.yaml"]
-        return subprocess.Popen(
-            [*command, "--out", out, "--workers", "2"],
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            start_new_session=True,
-        )
-
-    assert start(whole).wait() == 0
-    process, file = start(killed), killed / "cells" / NAME / LOOKS_FILE
+    """The command and its cell are killed: no process has time to save."""
+    changes = {"seeds": [0], "budget": {"frames": 1024}}
+    changes["tasks"] = change_task(agents=[], scale=[], when={"pqn": None})
+    plan, out = make_plan(**changes), tmp_path / "killed"
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump({**TINY, **changes}), "utf-8")
+    command = [sys.executable, "-m", "marl_cair", "experiment", tmp_path / "plan.yaml"]
+    process = subprocess.Popen(
+        [*command, "--out", out, "--workers", "2"], env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    file = out / "cells" / NAME / LOOKS_FILE
     while not (file.exists() and len(read_looks(file)) >= 3):
         assert process.poll() is None
         time.sleep(0.02)
-    os.killpg(process.pid, signal.SIGKILL)
+    process.send_signal(signal.SIGSTOP)  # it would name the cells as failed
+    for threads in Path(f"/proc/{process.pid}/task").glob("*/children"):
+        for child in threads.read_text().split():
+            os.kill(int(child), signal.SIGKILL)
+    process.kill()
     process.wait()
-    assert start(killed).wait() == 0
-    for name in ("looks.csv", f"cells/{NAME}/{LOOKS_FILE}"):
-        assert read_looks(killed / name) == read_looks(whole / name)
-    for name in (NAME, "maze-pqn-1"):
-        assert_equal_agents(killed / "cells" / name, whole / "cells" / name)
+    assert not (out / "cells" / NAME / DONE_FILE).exists()
+    assert run(plan, out).failed == {}
+    whole = prepare(tmp_path, **changes)
+    assert run_here(whole)
+    rows = read_looks(whole / LOOKS_FILE)
+    assert read_looks(out / "cells" / NAME / LOOKS_FILE) == rows
+    assert [{key: row[key] for key in rows[0]} for row in read_looks(out / "looks.csv")] == rows
+    assert_equal_agents(out / "cells" / NAME, whole)
 
 
 def test_training_ends_where_a_watcher_says_so(tmp_path):

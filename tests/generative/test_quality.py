@@ -52,6 +52,23 @@ def test_half_of_a_move_counts_half():
     assert (found["cells/moved"], found["cells/moved_exactly"]) == (1.0, 0.0)
 
 
+def test_moves_that_are_claimed_in_vain_lower_the_precision():
+    rows = make_walk()
+    guess = rows["next", "observation"].clone()
+    guess[0, OWN_UNITS, 1, 2] = guess[0, OWN_UNITS, 3, 2] = guess[0, OWN_UNITS, 3, 0] = 64
+    found = quality.measure_rows(rows, imagine_as(guess, rows), SPEC)
+    assert (found["cells/moved"], found["cells/moved_precision"]) == (1.0, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("shares", "steps"), [([0.9, 0.7, 0.6, 0.5, 0.8], 4), ([0.5, 0.9], 0), ([0.7] * 5, 16)]
+)
+def test_roll_outs_are_as_long_as_all_their_steps_are_good(shares, steps):
+    named = zip(quality.HORIZONS, shares, strict=False)
+    numbers = {f"open_loop/{horizon}_changed_f1": share for horizon, share in named}
+    assert quality.find_safe_steps(numbers, 0.6) == steps
+
+
 def make_chain(num_steps):
     """A unit that walks right through row 2, and one that appears in row 0 at step 2."""
     rows = make_empty_transitions(SPEC, num_steps)

@@ -156,7 +156,12 @@ def test_the_generators_file_is_on_disk_once_and_stays_when_the_state_is_deleted
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"game": GameSettings(scenario="10x15")}, ValueError, r"shape is \[28, 11, 11"),
+        ({"game": GameSettings(scenario="10x15")}, ValueError, "137 actions, this run 185"),
+        (
+            {"game": dataclasses.replace(GRAY, options={"max_ticks": 300})},
+            ValueError,
+            r"shape is \[28, 11, 11\], but this run's is \[1, 84, 84\]",
+        ),
         (
             {"generator": GeneratorSettings(model=GeneratorConfig())},
             ValueError,

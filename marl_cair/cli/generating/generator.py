@@ -17,7 +17,7 @@ from marl_cair.training.settings.config_file import build_value
 
 _SHOWN = (
     *("cells/changed_f1", "cells/moved", "cells/exact", "open_loop/4_changed_f1"),
-    *("open_loop/8_moved", "reward/explained", "end/auc", "mask/accuracy"),
+    *("open_loop/8_moved", "open_loop/safe_steps", "reward/explained", "end/auc", "mask/accuracy"),
 )
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from collections.abc import Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,8 @@ import torch
 
 from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
 from marl_cair.files import atomic_path
-from marl_cair.games.game import GameSpec, Representation
+from marl_cair.games import GAMES
+from marl_cair.games.game import Game, GameSpec, Representation
 from marl_cair.generative import GENERATORS
 from marl_cair.generative.codecs import FrameCodec, VectorCodec, make_coded_generator
 from marl_cair.generative.generator import CCDNGenerator, Generator
@@ -21,8 +24,10 @@ from marl_cair.generative.thesis import ThesisGenerator
 from marl_cair.outside import OutsideCodeError
 from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
+from marl_cair.training.settings.config_file import learned_fields
 
 GENERATOR_FILE = "generator.pt"  # in a run's folder
+_MADE_FOR = "made_for"  # entry of that file beside the generator's own
 GRAY = "gray"  # one grey picture, 84 x 84
 _ONE_STEP, _NONE = "1 with generator.name=ccdn_thesis", "0 with generator.name=ccdn_thesis"
 SHADES_TAKEN_FOR_EQUAL = 8  # of 255, in pictures
@@ -36,7 +41,7 @@ def make_generator(
 
     Raises:
         ValueError: the representation is neither planes nor a stack of frames nor a vector; the
-            generator at `source` has other transitions or another size, or none is wanted here.
+            generator at `source` is of another game, scenario or size, or none is wanted here.
         CheckpointError: there is none at `source`, or it cannot be read.
     """
     if not config.has_generator:
@@ -48,7 +53,8 @@ def make_generator(
         return None
     generator = _make(config, seen, spec, seed)
     if source is not None:
-        load_knowledge(generator, source)
+        made_for = describe_task(GAMES[config.game.name], learned_fields(config), spec)
+        load_knowledge(generator, source, made_for, config.generator.transfer)
     return generator
 
 
@@ -71,17 +77,62 @@ def check_generator(config: TrainConfig) -> None:
     make_generator(config, spec.representations[config.game.representation], spec, 0, None)
 
 
-def save_generator(generator: Generator, folder: Path) -> dict[str, Any]:
-    """Write its weights to `folder`; returns the rest of its state."""
+def describe_task(game: Game, scenario: Mapping[str, Any], spec: GameSpec) -> dict[str, Any]:
+    """What a generator's weights are trained for, as plain data; it is kept in their file.
+
+    scenario: all its fields. `shaping_discount` is left out: it follows the learner's discount.
+    """
+    rules = {name: value for name, value in scenario.items() if name != "shaping_discount"}
+    task = {"game": game.name, "version": game.version, "actions": spec.action_names}
+    # Tuples become lists, as in saved settings.
+    plain: dict[str, Any] = json.loads(json.dumps({**task, "scenario": rules}))
+    return plain
+
+
+def _check_task(saved: Mapping[str, Any], own: Mapping[str, Any], is_transfer: bool) -> None:
+    """Raise ValueError unless weights for the task `saved` may begin with the task `own`."""
+    accepted = own["version"], *GAMES[own["game"]].agents_of
+    if saved["game"] != own["game"] or saved["version"] not in accepted:
+        old, new = (f"{one['game']} version {one['version']}" for one in (saved, own))
+        raise ValueError(f"it is of {old}, this run of {new}")
+    if saved["actions"] != own["actions"]:
+        pairs = enumerate(zip_longest(saved["actions"], own["actions"]))
+        number, (old, new) = next(pair for pair in pairs if pair[1][0] != pair[1][1])
+        raise ValueError(
+            f"it has {len(saved['actions'])} actions, this run {len(own['actions'])}: the first "
+            f"that differ are number {number}, {old} and {new}"
+        )
+    theirs, ours = saved["scenario"], own["scenario"]
+    changed = [name for name in theirs if name in ours and theirs[name] != ours[name]]
+    if changed and not is_transfer:
+        old, new = (", ".join(f"{name}={of[name]}" for name in changed) for of in (theirs, ours))
+        raise ValueError(
+            f"it is of a scenario with {old}, this run's has {new}; generator.transfer=true begins "
+            "with it all the same"
+        )
+
+
+def write_knowledge(generator: Generator, path: Path, made_for: Mapping[str, Any]) -> set[str]:
+    """Write its weights and what they are made for; returns the names of the weights."""
     knowledge = generator.export_knowledge()
-    save_tensors(knowledge, folder / GENERATOR_FILE)
+    save_tensors({**knowledge, _MADE_FOR: dict(made_for)}, path)
+    return set(knowledge)
+
+
+def save_generator(
+    generator: Generator, folder: Path, made_for: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write its weights to `folder`; returns the rest of its state."""
+    written = write_knowledge(generator, folder / GENERATOR_FILE, made_for)
     state = generator.state_dict()
-    return {name: state[name] for name in state.keys() - knowledge.keys()}
+    return {name: state[name] for name in state.keys() - written}
 
 
 def restore_generator(generator: Generator, folder: Path, rest: Mapping[str, Any]) -> None:
     """Continue from the files and the state of `save_generator`."""
-    generator.load_state_dict({**load_tensors(folder / GENERATOR_FILE), **rest})
+    knowledge = dict(load_tensors(folder / GENERATOR_FILE))
+    knowledge.pop(_MADE_FOR, None)
+    generator.load_state_dict({**knowledge, **rest})
 
 
 def publish_generator(source: Path, folder: Path) -> None:
@@ -102,17 +153,29 @@ def take_over_generator(config: TrainConfig, before: Path) -> TrainConfig:
     return dataclasses.replace(config, initial_generator=str(before))
 
 
-def load_knowledge(generator: Generator, source: str) -> None:
-    """Begin with the weights of the generator in folder `source`. Raises as `make_generator`."""
+def load_knowledge(
+    generator: Generator, source: str, made_for: Mapping[str, Any], is_transfer: bool = False
+) -> None:
+    """Begin with the weights of the generator in folder `source`. Raises as `make_generator`.
+
+    made_for: the present task (`describe_task`). is_transfer: allow another scenario of its game.
+    """
     path = Path(source) / GENERATOR_FILE
     if not path.is_file():
         raise CheckpointError(
             f"initial_generator is {source}, which has no {GENERATOR_FILE}: give the folder of a "
             "run that had a generator, such as runs/train"
         )
-    knowledge = load_tensors(path)
+    knowledge = dict(load_tensors(path))
     try:
-        generator.import_knowledge(dict(knowledge))
+        saved = knowledge.pop(_MADE_FOR, None)
+        if saved is not None:
+            _check_task(saved, made_for, is_transfer)
+        elif not is_transfer:
+            raise ValueError(
+                "an older version wrote it, without its game: generator.transfer=true trusts it"
+            )
+        generator.import_knowledge(knowledge)
     except ValueError as error:
         raise ValueError(
             f"initial_generator is {source}, which this run cannot begin with: {error}"

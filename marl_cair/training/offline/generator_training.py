@@ -13,7 +13,6 @@ import torch
 from tensordict import TensorDict
 
 from marl_cair import files
-from marl_cair.checkpoint import save_tensors
 from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import restore_fields
 from marl_cair.games.game import GameSpec, Representation
@@ -36,8 +35,10 @@ from marl_cair.replay.transition import (
 )
 from marl_cair.training.generating.generators import (
     GENERATOR_FILE,
+    describe_task,
     make_for_game,
     move_generator,
+    write_knowledge,
 )
 from marl_cair.training.generating.picture import draw_losses, draw_progress
 from marl_cair.training.run_log import format_rows
@@ -211,6 +212,9 @@ class _Training:
         if len(self.chains):
             held, imagine = self.data.heldout, self.imagine
             numbers |= quality.measure_open_loop(held, self.chains, imagine, self.about)
+        if "open_loop/1_changed_f1" in numbers:
+            least_f1 = self.settings.config.gate.min_changed_f1
+            numbers["open_loop/safe_steps"] = quality.find_safe_steps(numbers, least_f1)
         self.guesses.append(self.imagine(self.drawn).observation)
         return {**numbers, "speed/rows_per_processor_second": len(self.heldout) / max(spent, 1e-9)}
 
@@ -221,7 +225,9 @@ class _Training:
     def write(self, losses: list[dict[str, float]], numbers: list[dict[str, float]]) -> None:
         """Write weights, tables and pictures."""
         with files.atomic_path(self.folder / GENERATOR_FILE) as unfinished:
-            save_tensors(self.generator.export_knowledge(), unfinished)
+            about = self.data.about
+            made_for = describe_task(GAMES[about.game], about.scenario_options, self.spec)
+            write_knowledge(self.generator, unfinished, made_for)
         files.write_atomically(self.folder / LOSS_FILE, format_rows(losses))
         files.write_atomically(self.folder / QUALITY_FILE, format_rows(numbers))
         draw_losses(self.folder / CURVE_FILE, losses)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -25,6 +26,7 @@ from marl_cair.league.play.film import WRITERS
 from marl_cair.training.collecting.dataset import Play
 from marl_cair.training.generating.generators import (
     GENERATOR_FILE,
+    describe_task,
     load_knowledge,
     make_for_game,
     make_generator,
@@ -99,7 +101,8 @@ def _load_from_run(place: Path) -> Watched:
     scenario = game.scenario(config.game.scenario, **learned_fields(config))
     spec = game.make_spec(scenario)
     seen = spec.representations[config.game.representation]
-    generator = cast(Generator, make_generator(config, seen, spec, 0, str(place)))
+    trusted = replace(config, generator=replace(config.generator, transfer=True))  # its own folder
+    generator = cast(Generator, make_generator(trusted, seen, spec, 0, str(place)))
     players, scale = (str(place),), config.learner.reward_scale
     return Watched(generator, game, scenario, spec, seen, players, scale)
 
@@ -111,7 +114,8 @@ def _load_from_data(place: Path) -> Watched:
     scenario = game.scenario(about.scenario, **restore_fields(about.scenario_options))
     model, config, others = settings.model, settings.config, about.num_players - 1
     generator = make_for_game(model, config, seen, spec, spec.reward_bound, others)
-    load_knowledge(generator, str(place))
+    made_for = describe_task(game, about.scenario_options, spec)
+    load_knowledge(generator, str(place), made_for, is_transfer=True)  # settings beside it
     return Watched(generator, game, scenario, spec, seen, about.players)
 
 

@@ -181,6 +181,7 @@ class GeneratorSettings:
     branch_steps: _Branch = 0  # above 0: one-step rows of roll-outs so long, not rollout_steps
     warmup_frames: Natural = 0  # frames in which batches are all real, even if the gate is open
     loss_weight: ShareAboveZero = 1.0  # of a generated row in the loss; of a real row 1 (dqn)
+    transfer: bool = False  # let `initial_generator` be of another scenario of the game
     model: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:

@@ -1,6 +1,7 @@
 """Collected data sets, and generators that are trained on them."""
 
 import dataclasses
+import math
 import re
 
 import numpy as np
@@ -15,8 +16,13 @@ from marl_cair.games import GAMES
 from marl_cair.generative.settings import GeneratorConfig, NetworkSize
 from marl_cair.replay import load_dataset
 from marl_cair.training.generating.generators import check_generator, make_generator
-from marl_cair.training.offline.generator_training import GeneratorTraining, train_generator
+from marl_cair.training.offline.generator_training import (
+    GeneratorTraining,
+    describe_game,
+    train_generator,
+)
 from marl_cair.training.settings.checks import DeviceError
+from tests.games.flash.browser.flash_files import need_flash
 from tests.training.offline.datasets import LINE_WARS, collect
 
 SMALL = GeneratorConfig(size=NetworkSize(channels=4, depth=1, hidden=8))
@@ -97,6 +103,7 @@ def test_a_generator_learns_from_a_data_set(folder, tmp_path):
     for name in ("cells/changed_f1", "reward/explained", "mask/accuracy", "accepted/share"):
         assert -9.0 <= numbers[-1][name] <= 1.0
     assert "open_loop/1_changed_f1" in numbers[-1]
+    assert numbers[-1]["open_loop/safe_steps"] in (0, 1, 2, 4, 8, 16)
     files = {path.name for path in (tmp_path / "run").iterdir()}
     assert {"generator.pt", "quality.csv", "losses.csv", "predictions.png", "losses.png"} <= files
     assert (tmp_path / "run" / "losses.csv").read_text("utf-8").count("\n") == 1 + 12
@@ -112,6 +119,25 @@ def test_a_trained_generator_begins_a_run(folder, tmp_path):
     made = make_generator(config, seen, config.game.spec, 1, str(tmp_path / "run"))
     saved = load_tensors(tmp_path / "run" / "generator.pt")["network"]["network"]
     assert torch.equal(made.network.choose.weight, saved["choose.weight"])
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name == "flash")) for name in GAMES],
+)
+def test_every_game_has_data_sets_and_generators(name, tmp_path):
+    """Transitions are predicted and judged."""
+    if name == "flash":
+        need_flash()  # a browser for each world
+    game = GAMES[name]
+    collect(tmp_path / "data", 80, game, game.default_scenario, max_ticks=60)
+    settings = GeneratorTraining(
+        updates=2, batch_size=8, measurements=1, measured_rows=20, config=SMALL
+    )
+    (numbers,) = train_generator(tmp_path / "data", tmp_path / "run", settings)
+    assert 0.0 <= numbers["cells/exact"] <= 1.0
+    assert 0.0 < numbers["accepted/share"] <= 1.0
+    assert math.isfinite(numbers["reward/mae"])
 
 
 def test_other_settings_do_not_replace_results(folder, tmp_path):
@@ -187,6 +213,35 @@ def test_a_generator_that_cannot_be_measured_is_refused(folder, tmp_path):
     )
     with pytest.raises(ValueError, match="Silent has no method `imagine"):
         next(train_generator(folder, tmp_path / "run", settings))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"observation_shape": (28, 11, 12)},
+            r"observations \[28, 11, 12\], .* has \[28, 11, 11\]",
+        ),
+        ({"num_actions": 9}, r"9 actions and 2 players, .* has \[28, 11, 11\], 137 and 2: collect"),
+        ({"num_players": 3}, "3 players, .* and 2: collect it again"),
+    ],
+)
+def test_a_data_set_of_other_shapes_is_refused(folder, changes, message):
+    with pytest.raises(ValueError, match=f"the data set holds .*{message}"):
+        describe_game(dataclasses.replace(load_dataset(folder).about, **changes))
+
+
+def test_a_loss_that_is_not_finite_ends_the_training(folder, tmp_path, capsys):
+    config = dataclasses.replace(SMALL, learning_rate=1e30)
+    settings = GeneratorTraining(updates=20, batch_size=8, measurements=1, config=config)
+    with pytest.raises(
+        FloatingPointError, match=r"the loss \w+ is (nan|inf) at update \d+: take a"
+    ):
+        list(train_generator(folder, tmp_path / "run", settings))
+    assert not (tmp_path / "run" / "generator.pt").exists()
+    words = f"generator train {folder} --out {tmp_path / 'cli'} --updates 20 --measurements 1"
+    assert main([*words.split(), "--set", "learning_rate=1e30", "--set", "size.channels=4"]) != 0
+    assert "smaller learning rate" in capsys.readouterr().err
 
 
 def test_a_data_set_of_another_version_is_refused(folder, tmp_path, monkeypatch):

@@ -12,12 +12,12 @@ from typing import Any
 from mkdocs.structure.files import File
 
 from marl_cair.cli.viewing.browser_play import write_game
-from marl_cair.games import GAMES as PLAYABLE
+from marl_cair.games import GAMES
 from marl_cair.games.compiled import cache_root
 from marl_cair.npm import Package, install_package
 
 ROOT = Path(__file__).resolve().parents[1]
-GAMES = sorted(path.parent.name for path in ROOT.glob("marl_cair/games/*/README.md"))
+README_GAMES = sorted(path.parent.name for path in ROOT.glob("marl_cair/games/*/README.md"))
 # Path in the repository -> path in the site.
 PAGES = {
     "README.md": "index.md",
@@ -26,7 +26,7 @@ PAGES = {
     "SECURITY.md": "security.md",
     "agents/README.md": "agents.md",
     "examples/README.md": "examples.md",
-    **{f"marl_cair/games/{game}/README.md": f"games/{game}.md" for game in GAMES},
+    **{f"marl_cair/games/{game}/README.md": f"games/{game}.md" for game in README_GAMES},
 }
 PLAYED, FRAME_AFTER = "deep_line_wars", "images/deep_line_wars.gif)\n"
 FRAME = """
@@ -52,10 +52,14 @@ SEARCH = Package(
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 
 
+def install_search() -> Path:
+    """The folder of the script of search, fetched once. Raises InstallError."""
+    return install_package(SEARCH, cache_root() / f"{SEARCH.name}-{SEARCH.version}")
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Add the pages that lie outside docs/, and the script of search."""
-    folder = install_package(SEARCH, cache_root() / f"{SEARCH.name}-{SEARCH.version}")
-    script = (folder / "index.js").read_text("utf-8")
+    script = (install_search() / "index.js").read_text("utf-8")
     files.append(File.generated(config, "iframe-worker.js", content=script))
     for source, target in PAGES.items():
         text = (ROOT / source).read_text("utf-8")
@@ -90,4 +94,4 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
 
 def on_post_build(config: Any) -> None:
     """Write the game of the first page; compiling its rules takes a minute, once."""
-    write_game(Path(config.site_dir) / "game", PLAYABLE[PLAYED], None, (), None)
+    write_game(Path(config.site_dir) / "game", GAMES[PLAYED], None, (), None)

@@ -17,7 +17,7 @@ from typing import Literal
 from PIL import Image
 from playwright.sync_api import Browser, FrameLocator, Page, sync_playwright
 
-from docs.pictures import write_game
+from docs.pictures import write_viewed_game
 from marl_cair.cli.curves import name_runs
 from marl_cair.dashboard.server import write_dashboard
 from marl_cair.lookup import find_by_name
@@ -99,7 +99,7 @@ def draw_viewer(browser: Browser, sources: Sequence[str]) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "page.html"
         agent = str(ROOT / "agents/deep_rts_1v1_15x15")
-        write_game(agent, "mixed", "deep_rts", "1v1-15x15", 0, path)
+        write_viewed_game(agent, "mixed", "deep_rts", "1v1-15x15", 0, path)
         pages = open_page(browser, path, 1180, "light"), open_page(browser, path, 400, "dark")
         for page in pages:
             scrub(page, 6)

@@ -191,7 +191,9 @@ def draw_film(film: Film, game: str) -> None:
     write_gif(IMAGES / f"{film.scene.scenario}.gif", frames, FPS)
 
 
-def write_game(agent: str, opponent: str, game: str, scenario: str, seed: int, path: Path) -> None:
+def write_viewed_game(
+    agent: str, opponent: str, game: str, scenario: str, seed: int, path: Path
+) -> None:
     """Write a page that plays a game, with the action values of the agent in seat 0."""
     rules = GAMES[game]
     played = rules.scenario(scenario)
@@ -211,7 +213,7 @@ def main() -> None:
         if game == "deep_line_wars":
             agent = str(IMAGES.parents[1] / "agents/deep_line_wars_10x15")
             film_win(agent, "counter", game, "10x15", 0, IMAGES / f"{game}.gif")
-            write_game(agent, "counter", game, "10x15", 0, IMAGES / f"{game}.html")
+            write_viewed_game(agent, "counter", game, "10x15", 0, IMAGES / f"{game}.html")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -23,14 +22,14 @@ STEPS = 3
 @pytest.fixture(scope="module")
 def site(browser, tmp_path_factory):
     """The first page of what `make docs` builds."""
+    hooks = pytest.importorskip("docs.hooks", reason="needs mkdocs (extra `docs`)")
     try:
         find_runtime()
+        hooks.install_search()
     except InstallError as error:
         if "MARL_CAIR_NEEDS_BROWSER" in os.environ:  # set by .ci/run
             raise
-        pytest.skip(f"the game of the first page needs onnxruntime-web: {error}")
-    if find_spec("mkdocs") is None:
-        pytest.skip("needs mkdocs (extra `docs`)")
+        pytest.skip(f"the first page's game or the search of the site is missing: {error}")
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", folder]
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}

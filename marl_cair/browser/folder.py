@@ -63,7 +63,8 @@ def write_folder(
         InstallError: onnxruntime-web is missing, which plays networks.
     """
     check_playable(game, scenario)
-    if folder.is_dir() and {file.name for file in folder.iterdir()} - {PAGE_FILE}:
+    held = folder.iterdir() if folder.is_dir() else ()
+    if {file.name for file in held if not file.name.startswith(".")} - {PAGE_FILE}:
         raise ValueError(f"{folder} holds other files than {PAGE_FILE}: give a new folder")
     files = {} if opponent.bot else {file.name: file.read_bytes() for file in find_runtime()}
     representation = opponent.representation

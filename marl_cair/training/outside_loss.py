@@ -19,7 +19,8 @@ _NUM_ROWS, _NUM_STEPS = 2, 3  # of a batch, and of its sequences
 
 
 def check_loss(settings: LearnerSettings, network: QNetwork, spec: TransitionSpec) -> None:
-    """Call a loss from outside once, with copies of `network`, on two rows or sequences of zeros.
+    """Call a loss from outside once, with copies of `network`, on two rows or sequences of zeros,
+    but for one reward or target: a loss may divide by how rows differ.
 
     Raises OutsideCodeError with the class's name if it fails, or does not return a `LossResult` as
     `Loss` describes it, or one that is not finite. Other losses are not called.
@@ -76,6 +77,7 @@ def _make_zeros(loss: Loss, network: QNetwork, spec: TransitionSpec) -> TensorDi
         for key in ("action_mask", ("next", "action_mask"), "steps_to_next_obs"):
             rows[key].fill_(1)
         rows["expert_action"].fill_(NO_ACTION)
+        rows["next", "reward"][-1] = 1.0
         return make_tensordict(rows)
     number, is_true = (torch.float32, ()), (torch.bool, ())
     places = network.values_shape[:-1]
@@ -99,6 +101,7 @@ def _make_zeros(loss: Loss, network: QNetwork, spec: TransitionSpec) -> TensorDi
     batch = {key: torch.zeros(*shape, *size, dtype=kind) for key, (kind, size) in kept.items()}
     for key in {"action_mask", "learned"} & set(batch):
         batch[key].fill_(1)
+    batch["reward" if loss.LEARNS_FROM_REPLAY else "target"][-1] = 1.0
     if loss.LEARNS_FROM_REPLAY:
         batch["learned"][:, -1] = False  # the last entry only gives the next value
         batch["expert_action"].fill_(NO_ACTION)

@@ -21,12 +21,12 @@ class Board:
     tile: float
     top: float
     left: float
-    height: float = 0.0
+    height: float | None = None
 
     @property
     def row_pixels(self) -> float:
         """Pixels from one row to the next."""
-        return self.height or self.tile
+        return self.tile if self.height is None else self.height
 
     def find_point(self, x: float, y: float) -> Point | None:
         """The point of the board at a pixel of the picture; None beside the board."""

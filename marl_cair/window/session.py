@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -165,7 +165,7 @@ class Session:
     def close(self) -> None:
         """End the recording, and save the statistics of a game that has begun."""
         if self._writer is not None:
-            self._writer.close()
+            self._record(self._writer.close)
             self._writer = None
             if self.record is not None and not self.history.actions:
                 name_game(self.record, self.number).unlink(missing_ok=True)  # nothing was played
@@ -175,6 +175,14 @@ class Session:
             except OSError as error:  # the game continues
                 warnings.warn(f"statistics are not saved: {error}", stacklevel=2)
         self._is_unsaved = False
+
+    def _record(self, write: Callable[..., None], *values: Any) -> None:
+        """Call the writer; where the disk fails the game continues without it."""
+        try:
+            write(*values)
+        except OSError as error:
+            warnings.warn(f"the rest of this game is not recorded: {error}", stacklevel=2)
+            self._writer = None
 
     @property
     def is_over(self) -> bool:
@@ -199,7 +207,8 @@ class Session:
         self.engine.step(actions)
         if self._writer is not None:
             found = self.history.values
-            self._writer.add(actions[0], {ACTION_VALUES: found[-1]} if found else None)
+            values = {ACTION_VALUES: found[-1]} if found else None
+            self._record(self._writer.add, actions[0], values)
         if self.game.name == "deep_rts":
             self.kills += count_kills(before, self.copy_world())
         self.returns += self.engine.rewards[0]

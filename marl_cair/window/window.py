@@ -201,16 +201,19 @@ class Window:
 
     def press(self, key: int, mod: int = 0) -> None:
         """A key was pressed."""
-        if mod & pygame.KMOD_CTRL and key in ARROWS:
+        active = self.list_active()
+        # Where a game has the key control, it is no modifier.
+        is_modified = mod & pygame.KMOD_CTRL and not any(c.claims(pygame.K_LCTRL) for c in active)
+        if is_modified and key in ARROWS:
             rows, columns = ARROWS[key]
             self.camera.scroll(columns * SCROLL_PIXELS, rows * SCROLL_PIXELS)
             return
         hotkey = find_hotkey(key)
-        is_claimed = any(control.claims(key) for control in self.list_active())
-        if hotkey is not None and (mod & pygame.KMOD_CTRL or not is_claimed):
+        is_claimed = any(control.claims(key) for control in active)
+        if hotkey is not None and (is_modified or not is_claimed):
             hotkey.run(self)
             return
-        for control in self.list_active():
+        for control in active:
             if control.press(key, self.moment):
                 self._say(control)
                 self._start_clock()

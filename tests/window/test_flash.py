@@ -124,7 +124,7 @@ def test_duel_is_played_against_the_agent_with_recording_and_statistics(tmp_path
         [pygame.event.Event(pygame.KEYDOWN, **fire)],
         *[[]] * 90,
         [pygame.event.Event(pygame.KEYUP, **fire)],
-        *[[]] * 30,
+        *[[]] * 240,
         [pygame.event.Event(pygame.KEYDOWN, key=pygame.K_F12, mod=0)],
         [pygame.event.Event(pygame.QUIT)],
     ]

@@ -20,7 +20,7 @@ function chooseKeys(names) {
 const KEY_NAMES = { ArrowUp: "↑", ArrowDown: "↓", ArrowLeft: "←", ArrowRight: "→", " ": "space" };
 
 export class Controls {
-  // game: game.json. say: shows a message. redraw: paints the board again.
+  // game: the entry of the page. say: shows a message. redraw: paints the board again.
   constructor(game, bar, say, redraw) {
     Object.assign(this, { say, redraw, actions: game.actions, board: game.board });
     const { groups, group_names, cells } = this.actions;

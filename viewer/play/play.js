@@ -72,11 +72,21 @@ class Play {
     if (this.rules.isOver) this.end();
   }
 
+  // Choose the actions of the next step, once for all that wait for them.
+  prepare() {
+    this.preparing ??= this.decide().then((actions) => {
+      this.actions = actions;
+      this.shownTicks = 0;
+      this.preparing = null;
+    });
+    return this.preparing;
+  }
+
   async stepOnce() {
-    if (this.rules.isOver || this.isDeciding) return;
-    this.isDeciding = true;
-    this.actions ??= await this.decide();
-    this.isDeciding = false;
+    while (!this.actions) {
+      if (this.rules.isOver) return;
+      await this.prepare();
+    }
     this.finishStep();
   }
 
@@ -122,12 +132,10 @@ class Play {
   // Play the steps of `passed` milliseconds; returns those that are left.
   async advance(passed) {
     const whole = 1000 * this.game.seconds_per_step, { ticks } = this.game;
-    while (!this.isPaused && !this.isDeciding) {
+    while (!this.isPaused) {
       if (!this.actions) {
-        this.isDeciding = true;
-        this.actions = await this.decide();
-        this.isDeciding = false;
-        this.shownTicks = 0;
+        await this.prepare();
+        continue;
       }
       if (passed < whole) break;
       passed -= whole;

@@ -5,7 +5,7 @@ const HASH_BYTES = 8;
 const WINDOW_OF_4096 = [0x48, 0x0d]; // the head of a deflate stream as the reader expects it
 const LONGEST_BLOCK = 65535;
 
-// game: game.json. played: actions of all seats, step by step. hash: SHA-256, in hexadecimal.
+// game: the entry of the page. played: actions of all seats, step by step. hash: SHA-256, in hexadecimal.
 export function makeReplay(game, seed, players, played, hash, winner) {
   const text = JSON.stringify({
     format: "marl_cair replay", format_version: 1, game: game.name, rules_version: game.version,

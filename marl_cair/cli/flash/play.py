@@ -19,8 +19,6 @@ from marl_cair.window.display import open_display
 if TYPE_CHECKING:
     import pygame
 
-_NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",
-          "right ctrl": "control", "left alt": "alt", "right alt": "alt"}  # fmt: skip
 _SAVE_KEY = "f12"
 _BUTTONS = {1: "left", 2: "middle", 3: "right"}
 
@@ -69,9 +67,10 @@ def _send(game: Game, event: Any) -> bool:
     """Send one event of the window to the game; True where the window was closed."""
     import pygame
 
+    from marl_cair.window.controls.held_keys import name_key
+
     if event.type in (pygame.KEYDOWN, pygame.KEYUP):
-        name = pygame.key.name(event.key)
-        name = _NAMES.get(name, name)
+        name = name_key(event.key)
         if name == _SAVE_KEY:
             if event.type == pygame.KEYDOWN:
                 _save_picture(game)

@@ -26,7 +26,7 @@ DEFAULT_AGENTS = {
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Fetch the runtime (`install`), or write the folder and serve it until Ctrl-C; returns the
+    """Fetch the runtime (`install`), or write the page and serve it until Ctrl-C; returns the
     exit code.
     """
     if list(arguments) == [INSTALL]:

@@ -69,7 +69,7 @@ def make_session(options: argparse.Namespace, agents: Sequence[str], num_persons
     ]
     record, statistics = name_files(options, game.name)
     if record is not None:
-        _make_folder(record.parent)
+        _make_folder(record.parent, "--record" if options.record else "--folder, or --no-record")
     return Session(game, scenario, players, options.seed, record, statistics)
 
 
@@ -104,14 +104,14 @@ def name_files(options: argparse.Namespace, game: str) -> tuple[Path | None, Pat
     """
     name = f"{game}-{datetime.now().astimezone():%Y%m%d-%H%M%S-%f}"
     record = Path(options.record) if options.record else None
-    if record is None and getattr(options, "records", False):
+    if record is None and options.records:
         record = Path(options.folder) / f"{name}{REPLAY_SUFFIX}"
     if options.statistics or record is None:
         return record, Path(options.statistics or options.folder) / name
     return record, record.with_suffix("")
 
 
-def _make_folder(folder: Path) -> None:
+def _make_folder(folder: Path, options: str) -> None:
     """Make the folder of recordings. Raises ValueError where that is not possible."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -119,7 +119,7 @@ def _make_folder(folder: Path) -> None:
             raise PermissionError("it is read-only")
     except OSError as error:
         raise ValueError(
-            f"games cannot be recorded in {folder} ({error}): give another --folder, or --no-record"
+            f"games cannot be recorded in {folder} ({error}): give another {options}"
         ) from error
 
 
@@ -185,7 +185,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--browser",
         action="store_true",
-        help="play on a page instead, as static files: see `marl-cair play --browser --help`",
+        help="play on a page instead: see `marl-cair play --browser --help`",
     )
     add_window_options(parser, "default: in --folder, with the time in its name")
     parser.add_argument(

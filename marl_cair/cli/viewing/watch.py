@@ -75,4 +75,5 @@ def make_parser() -> Parser:
         help="of a film: frames in a second (default: the game's own pace, at least 10)",
     )
     add_window_options(parser, "default: none")
+    parser.set_defaults(records=False)
     return parser

@@ -6,6 +6,7 @@ import atexit
 import logging
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import combinations
 from typing import Any, Literal, NamedTuple
 
@@ -383,9 +384,11 @@ def draw(
     enlarged.
     """
     slot, size = int(worlds.slot[world]), browsers.described.size
+    picture = None
     if browsers.has(slot):
-        picture = _shown(browsers.server(slot).step(0, picture=size))
-    else:
+        with suppress(FlashError):  # the next step meets it too, and ends the game
+            picture = _shown(browsers.server(slot).step(0, picture=size))
+    if picture is None:
         last = Image.fromarray(worlds.picture[world].transpose(1, 2, 0))
         picture = np.asarray(last.resize(size), np.uint8)
     is_second = player is not None and 2 * player >= worlds.score.shape[1]

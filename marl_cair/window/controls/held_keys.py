@@ -14,7 +14,7 @@ from marl_cair.window.session import Moment, Session
 # Names of pygame that differ from those of Flash games.
 _NAMES = {"return": "enter", "left shift": "shift", "right shift": "shift", "left ctrl": "control",
           "right ctrl": "control", "left alt": "alt", "right alt": "alt", "page up": "page_up",
-          "page down": "page_down", "scroll lock": "scroll_lock"}  # fmt: skip
+          "page down": "page_down", "scroll lock": "scroll_lock", "break": "pause"}  # fmt: skip
 MOST_KEYS = 2  # of an action
 
 

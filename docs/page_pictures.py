@@ -9,7 +9,8 @@ from __future__ import annotations
 import io
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -26,6 +27,17 @@ ROOT = Path(__file__).resolve().parents[1]
 MARGIN, GAP = 24, 24  # pixels
 EDGES = "e => [e.getBoundingClientRect().top + scrollY, e.getBoundingClientRect().bottom + scrollY]"
 Scheme = Literal["light", "dark"]
+
+
+@contextmanager
+def start_chromium() -> Iterator[Browser]:
+    """The system's Chromium."""
+    with sync_playwright() as started:
+        browser = started.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        yield browser
+        browser.close()
 
 
 def open_page(browser: Browser, path: Path, width: int, scheme: Scheme) -> Page:
@@ -114,12 +126,8 @@ def main() -> None:
     """Draw one page."""
     kind, *sources = sys.argv[1:]
     draw = find_by_name("page", kind, PAGES)
-    with sync_playwright() as started:
-        browser = started.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-        )
+    with start_chromium() as browser:
         draw(browser, sources)
-        browser.close()
 
 
 if __name__ == "__main__":

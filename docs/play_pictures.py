@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import os
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,8 +16,8 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 import pygame
 from PIL import Image
-from playwright.sync_api import sync_playwright
 
+from docs.page_pictures import start_chromium
 from docs.play_film import click, find_pixel
 from marl_cair import load_agent
 from marl_cair.browser.folder import PAGE_FILE
@@ -141,10 +140,7 @@ def draw_page(folder: Path) -> None:
     """Write the picture of a game against a trained agent in a browser."""
     write_game(folder, GAMES["deep_line_wars"], None, (), None)
     width, height = PAGE_SIZE
-    with sync_playwright() as started:
-        browser = started.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-        )
+    with start_chromium() as browser:
         page = browser.new_page(viewport={"width": width, "height": height})
         page.goto((folder / PAGE_FILE).as_uri() + "?seed=5")
         page.locator("#start:enabled").click()
@@ -158,7 +154,6 @@ def draw_page(folder: Path) -> None:
         page.keyboard.press("6")
         image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
         image.quantize(NUM_COLOURS).save(ROOT / f"docs/images/{PAGE}.png", optimize=True)
-        browser.close()
 
 
 if __name__ == "__main__":

@@ -288,26 +288,23 @@ class Pool:
         saved = dict(state["agents"])
         for number in [number for number in saved if not self.is_snapshot(number)]:
             self._agents[number].load_state_dict(saved.pop(number))
-        self._take_snapshots(state["snapshots"])
-        self._unread = saved  # a snapshot is loaded when it plays
-
-    def _take_snapshots(self, rows: Sequence[Mapping[str, Any]]) -> None:
         others = {n: kept for n, kept in self._members.items() if kept.kind != SNAPSHOT}
         snapshots = {
-            saved["number"]: Member(
-                read_number(saved, "number", _SNAPSHOT_NUMBERS),
-                check_plain_name(saved["name"], "the snapshot"),
+            row["number"]: Member(
+                read_number(row, "number", _SNAPSHOT_NUMBERS),
+                check_plain_name(row["name"], "the snapshot"),
                 SNAPSHOT,
-                read_number(saved, "frames", COUNT),
-                str(saved["fingerprint"]),
-                {int(number): kept for number, kept in read_evidence(saved["met"]).items()},
-                read_number(saved, "is_retired", FLAG),
-                str(saved.get("owner", "")),
-                str(saved.get("role", "")),
+                read_number(row, "frames", COUNT),
+                str(row["fingerprint"]),
+                {int(number): kept for number, kept in read_evidence(row["met"]).items()},
+                read_number(row, "is_retired", FLAG),
+                str(row.get("owner", "")),
+                str(row.get("role", "")),
             )
-            for saved in rows
+            for row in state["snapshots"]
         }
-        self._members, self._unread = others | snapshots, {}
+        # A snapshot is loaded when it plays.
+        self._members, self._unread = others | snapshots, saved
         self._agents = {n: agent for n, agent in self._agents.items() if n in others}
         for member in snapshots.values():
             if self.seat is None or member.owner == self.seat.owner:  # others may be writing

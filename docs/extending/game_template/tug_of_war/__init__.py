@@ -15,6 +15,6 @@ def __getattr__(name):
 
 def parallel_env(scenario="short", representation="vector", **options):
     """One game as a PettingZoo ParallelEnv."""
-    from marl_cair.games.parallel_env import make_parallel_env
+    from marl_cair.games.parallel_env import GameParallelEnv
 
-    return make_parallel_env("tug_of_war", scenario, representation=representation, **options)
+    return GameParallelEnv("tug_of_war", scenario, representation=representation, **options)

@@ -8,20 +8,20 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_585,
-    "policies": 2_415,
+    "games": 21_665,
+    "policies": 2_430,
     "replay": 2_290,
     "generative": 2_980,
     "self_play": 1_035,
-    "league": 8_030,
+    "league": 8_010,
     "training": 7_640,
     "experiments": 1_640,
     "viewer": 725,
     "window": 2_675,
     "browser": 950,
-    "dashboard": 305,
+    "dashboard": 320,
     "conf": 10,
-    "cli": 4_320,
+    "cli": 4_340,
     "": 1_950,  # the modules that every part may import
 }
 

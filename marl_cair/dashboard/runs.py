@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair.games.replays import REPLAY_SUFFIX
+from marl_cair.games.replays import REPLAY_SUFFIX, ReplayError, count_games
 from marl_cair.stored import LOG, read_text
 from marl_cair.training.run_log import RunLog, parse_log
 from marl_cair.training.settings.config import GAMES_FOLDER
@@ -117,11 +118,25 @@ def read_runs(readers: Iterable[RunReader]) -> dict[str, Any]:
 
 def list_files(folder: Path) -> dict[str, dict[str, float]]:
     """The files of a run by their kind in FILES, with their times of change, so that the page asks
-    again for one that was replaced.
+    again for one that was replaced. Of a file with several games each is one: FILE#0, FILE#1, ...
     """
 
     def list_kind(place: str, suffixes: Sequence[str]) -> dict[str, float]:
         paths = [path for path in sorted((folder / place).glob("*")) if path.suffix in suffixes]
         return {path.name: path.stat().st_mtime for path in paths if not path.is_symlink()}
 
-    return {kind: list_kind(*where) for kind, where in FILES.items()}
+    files = {kind: list_kind(*where) for kind, where in FILES.items()}
+    files["games"] = {
+        name: changed
+        for file, changed in files["games"].items()
+        for name in _name_games(folder / GAMES_FOLDER / file)
+    }
+    return files
+
+
+def _name_games(path: Path) -> list[str]:
+    """As `read_replay` takes them; that of a damaged file too, which says so where it is opened."""
+    with suppress(ReplayError, OSError):
+        if (num_games := count_games(path)) > 1:
+            return [f"{path.name}#{number}" for number in range(num_games)]
+    return [path.name]

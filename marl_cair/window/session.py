@@ -141,7 +141,7 @@ class Session:
         if self.record is not None:
             path = name_game(self.record, self.number)
             self._writer = ReplayWriter(
-                path, self.engine, map_seed=self.map_seed, players=self.names
+                path, self.engine, map_seeds=[self.map_seed], players=[self.names]
             )
 
     def save_replay(self, path: Path) -> None:
@@ -207,8 +207,8 @@ class Session:
         self.engine.step(actions)
         if self._writer is not None:
             found = self.history.values
-            values = {ACTION_VALUES: found[-1]} if found else None
-            self._record(self._writer.add, actions[0], values)
+            values = {ACTION_VALUES: found[-1][None]} if found else None
+            self._record(self._writer.add, actions, values)
         if self.game.name == "deep_rts":
             self.kills += count_kills(before, self.copy_world())
         self.returns += self.engine.rewards[0]

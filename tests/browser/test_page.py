@@ -89,11 +89,9 @@ def test_a_game_ends_with_a_replay_file(line_wars, tmp_path):
     file = tmp_path / "game.replay"
     download.value.save_as(file)
     head = json.loads(file.read_bytes().split(b"\n", 1)[0])
-    assert (head["game"], head["map_seed"], head["players"]) == (
-        "deep_line_wars",
-        5,
-        ["person", "counter"],
-    )
+    assert head["game"] == "deep_line_wars"
+    (played_game,) = head["games"]
+    assert (played_game["map_seed"], played_game["players"]) == (5, ["person", "counter"])
     replay = replays.read_replay(file)
     assert replay.actions[:, 0].tolist() == played(page)
     assert len(replay.hashes) == 1

@@ -244,21 +244,24 @@ def test_the_charts_plot_the_numbers_of_the_logs(browser, runs):
     }
 
 
-def record_game(run, name="conv-0000", actions=(1, 2, 3)):
-    """A game of the last evaluation in the run's folder."""
-    engine = make_engine("deep_maze", num_worlds=1)
-    engine.reset(np.zeros(1, np.uint64))
+def record_game(run, name="conv-0000", actions=(1, 2, 3), num_games=1):
+    """Games of the last evaluation in the run's folder."""
+    engine = make_engine("deep_maze", num_worlds=num_games)
+    seeds = range(num_games)
+    engine.reset(np.array(seeds, np.uint64))
     path = run / "games" / f"{name}.replay"
-    with ReplayWriter(path, engine, map_seed=0, players=["conv"]) as writer:
+    players = [["conv"]] * num_games
+    with ReplayWriter(path, engine, map_seeds=seeds, players=players) as writer:
         for action in actions:
-            engine.step(np.array([[action]], np.int32))
-            writer.add(np.array([action]))
+            played = np.full((num_games, 1), action, np.int32)
+            engine.step(played)
+            writer.add(played)
     return path
 
 
 @need_browser
 def test_the_last_evaluation_plays_in_the_viewer(browser, runs, monkeypatch):
-    record_game(runs["conv"])
+    record_game(runs["conv"], num_games=2)
     is_seen = Event()
 
     def make_slowly(path):
@@ -268,7 +271,8 @@ def test_the_last_evaluation_plays_in_the_viewer(browser, runs, monkeypatch):
     monkeypatch.setattr("marl_cair.dashboard.server.make_viewer", make_slowly)
     with serving(make_server(runs, 0)) as address, watched_page(browser) as page:
         page.goto(address)
-        page.get_by_role("button", name="conv: conv-0000").click()
+        page.get_by_role("button", name="conv: conv-0000#0").wait_for()
+        page.get_by_role("button", name="conv: conv-0000#1").click()
         assert "The game is played again" in page.locator("#wait").inner_text()
         is_seen.set()
         viewer = page.frame_locator("#viewer")

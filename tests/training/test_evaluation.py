@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from marl_cair.games.replays import read_replay
+from marl_cair.games.replays import read_replays
 from marl_cair.training.curves import draw_curves
 from marl_cair.training.evaluation import evaluate, rate_on
 from marl_cair.training.run import TrainingRun
@@ -59,7 +59,7 @@ def test_replays_of_the_first_map_are_kept_of_the_newest_evaluation(tmp_path):
     config = small(tmp_path, "duel", evaluation=settings)
     for _ in range(2):
         evaluate(agent("finisher"), GAME, config, 0, tmp_path)
-    replays = [read_replay(path) for path in tmp_path.glob("*.replay")]
+    replays = [one for path in tmp_path.glob("*.replay") for one in read_replays(path)]
     assert len(replays) == 4  # one in each seat, on two scenarios
     assert {one.players[one.winner] for one in replays} == {"learner"}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from marl_cair.games import GAMES
-from marl_cair.games.replays import read_replay, replay_steps
+from marl_cair.games.replays import read_replays, replay_steps
 from marl_cair.league.play.match import play_match
 from marl_cair.league.play.recording import Recording
 from marl_cair.training.run import TrainingRun
@@ -33,10 +33,14 @@ def make(tmp_path, source, *players, **changes):
     return tiny(tmp_path / "run", demonstration=demonstration, **changes)
 
 
+def read_all(folder):
+    return [replay for path in sorted(folder.iterdir()) for replay in read_replays(path)]
+
+
 def test_the_steps_of_a_player_are_demonstrations(tmp_path, games):
     run = TrainingRun(make(tmp_path, games, "turtle"))
     run.close()
-    replays = [read_replay(path) for path in sorted(games.iterdir())]
+    replays = read_all(games)
     storage = run.replay.real.storage
     assert len(storage) == sum(len(one.actions) + 1 for one in replays)
     rows = storage.get(storage.sampleable_slots(), num_steps=1)
@@ -61,8 +65,7 @@ def test_rewards_are_those_of_the_run(tmp_path, games):
     scenario = run.env.engine.scenario
     assert scenario.reward == "shaped"
     expected = 0.0
-    for path in games.iterdir():
-        replay = read_replay(path)
+    for replay in read_all(games):
         steps = replay_steps(dataclasses.replace(replay, scenario=scenario, hashes={}))
         expected += sum(one.rewards[0, replay.players.index("turtle")] for one in steps)
     assert rewards.sum().item() == pytest.approx(expected * config.learner.reward_scale, rel=1e-4)
@@ -91,7 +94,7 @@ def test_without_names_the_winners_demonstrate(tmp_path):
     )
     run = TrainingRun(config)
     run.close()
-    replays = [read_replay(path) for path in folder.iterdir()]
+    replays = read_all(folder)
     assert all(one.winner is not None for one in replays)
     assert len(run.replay.real) == sum(len(one.actions) + 1 for one in replays)
     storage = run.replay.real.storage

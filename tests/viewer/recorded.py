@@ -13,7 +13,7 @@ def record(path, game, bots, *, steps, values=None, names=None, **scenario) -> R
     for seat, agent in enumerate(agents):
         agent.seed(seat)
     engine.reset(0)
-    with ReplayWriter(path, engine, map_seed=0, players=names or bots) as writer:
+    with ReplayWriter(path, engine, map_seeds=[0], players=[names or bots]) as writer:
         for step in range(steps):
             mask = engine.action_mask()
             chosen = [
@@ -21,8 +21,8 @@ def record(path, game, bots, *, steps, values=None, names=None, **scenario) -> R
                 for seat, agent in enumerate(agents)
             ]
             engine.step(np.array([chosen]))
-            kept = {name: found[step] for name, found in (values or {}).items()}
-            writer.add(np.array(chosen), kept)
+            kept = {name: found[None, step] for name, found in (values or {}).items()}
+            writer.add(np.array([chosen]), kept)
             if engine.terminated[0] or engine.truncated[0]:
                 break
     return read_replay(path)

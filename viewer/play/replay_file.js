@@ -2,23 +2,22 @@
 // it again and compares the hash of the last state.
 
 const HASH_BYTES = 8;
-const WINDOW_OF_4096 = [0x48, 0x0d]; // the head of a deflate stream as the reader expects it
+const WINDOW_OF_4096 = [0x48, 0x0d]; // the head of a deflate stream
 const LONGEST_BLOCK = 65535;
 
 // game: the entry of the page. played: actions of all seats, step by step. hash: SHA-256, in hexadecimal.
 export function makeReplay(game, seed, players, played, hash, winner) {
   const text = JSON.stringify({
-    format: "marl_cair replay", format_version: 1, game: game.name, rules_version: game.version,
-    scenario: game.options, map_seed: 0, players, extra: { played_in: "browser" },
+    format: "marl_cair replay", format_version: 2, game: game.name, rules_version: game.version,
+    scenario: game.options, games: [{ map_seed: 0, players, extra: { played_in: "browser" } }],
   }).replace('"map_seed":0', `"map_seed":${BigInt(seed)}`); // numbers of JavaScript end at 2 ** 53
-  const count = new Uint8Array(new Uint32Array([played.length]).buffer);
+  const gameAndCount = new Uint8Array(new Uint32Array([0, played.length]).buffer);
   const digest = Array.from({ length: HASH_BYTES }, (_, at) => parseInt(hash.slice(2 * at, 2 * at + 2), 16));
-  const end = JSON.stringify({ winner: winner < 0 ? null : winner });
   return new Blob([
     `${text}\n`,
     ...(played.length > 0 ? [record("s", store(packActions(played, game.actions.groups.length)))] : []),
-    record("h", Uint8Array.from([...count, ...digest])),
-    record("e", new TextEncoder().encode(end)),
+    record("h", Uint8Array.from([...gameAndCount, ...digest])),
+    record("e", Uint8Array.from([...gameAndCount, winner])),
   ]);
 }
 

@@ -236,7 +236,8 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--replay",
         metavar="FILE",
-        help="a recorded game, in the place of one that is played against --opponent",
+        help="a recorded game, in the place of one that is played against --opponent; FILE#3 is "
+        "game 3, from 0, of a file with several",
     )
     parser.add_argument(
         "--seat", type=int, default=0, help="of the agent in --replay (default: %(default)s)"

@@ -19,7 +19,13 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.files import atomic_path
 from marl_cair.games import GAMES
-from marl_cair.games.replays import Replay, read_replay, replay_steps
+from marl_cair.games.replays import (
+    Replay,
+    count_games,
+    read_replay,
+    read_replays,
+    replay_steps,
+)
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.film import WRITERS, render_frames
 from marl_cair.memory import require_memory
@@ -40,8 +46,13 @@ def run(arguments: Sequence[str]) -> int:
             f"--to is {options.to!r}: give a file that ends in {VIEWER}, .gif, .mp4 or {STATES}, "
             "or a new folder for pictures"
         )
-    if not Path(options.file).is_file():
+    if not any(Path(name).is_file() for name in (options.file, options.file.rpartition("#")[0])):
         raise ValueError(f"{options.file} is no file: name a replay, as --record writes one")
+    if Path(options.file).is_file() and not options.to and count_games(options.file) > 1:
+        for number, replay in enumerate(read_replays(options.file)):
+            line = f"{options.file}#{number}: {describe_result(replay)}"
+            sys.stdout.write(f"{clean_text(line)}\n")
+        return EXIT_DONE
     replay = read_replay(options.file)
     num_players = len(replay.players)
     if (num := len(options.agents)) not in (0, num_players):
@@ -84,16 +95,10 @@ def describe_replay(replay: Replay) -> str:
 
     Raises ReplayError where a state differs from the recorded one.
     """
-    players = " v ".join(f"{name} (seat {seat})" for seat, name in enumerate(replay.players))
-    num_steps, spec = len(replay.actions), replay.spec
-    seconds = num_steps * spec.ticks_per_step / spec.ticks_per_second
-    ended = "no winner" if replay.winner is None else f"{replay.players[replay.winner]} won"
-    if not replay.is_complete:
-        ended = "cut off there, before the end of the recording"
     rules = f"rules {replay.rules_version}, map seed {replay.map_seed}"
     lines = [
         f"{replay.game} {describe_scenario(replay)}, {rules}",
-        f"{players}: {num_steps} steps, {seconds:.0f} s of the game; {ended}",
+        describe_result(replay),
     ]
     for name, values in (replay.values or {}).items():
         lines.append(f"values of {name}: {values.dtype} {list(values.shape)}")
@@ -102,6 +107,17 @@ def describe_replay(replay: Replay) -> str:
         pass
     lines.append(f"played again: it is the same (recorded states: {len(replay.hashes)})")
     return "".join(f"{clean_text(line)}\n" for line in lines)
+
+
+def describe_result(replay: Replay) -> str:
+    """Players, length and winner."""
+    players = " v ".join(f"{name} (seat {seat})" for seat, name in enumerate(replay.players))
+    num_steps, spec = len(replay.actions), replay.spec
+    seconds = num_steps * spec.ticks_per_step / spec.ticks_per_second
+    ended = "no winner" if replay.winner is None else f"{replay.players[replay.winner]} won"
+    if not replay.is_complete:
+        ended = "cut off there, before the end of the recording"
+    return f"{players}: {num_steps} steps, {seconds:.0f} s of the game; {ended}"
 
 
 def describe_scenario(replay: Replay) -> str:
@@ -154,9 +170,13 @@ def make_parser() -> Parser:
     parser = Parser(
         "marl-cair replay",
         description=__doc__,
-        epilog="example: marl-cair replay games/a-v-b-0000-0-1f2e3d4c.replay --to game.mp4",
+        epilog="example: marl-cair replay games/a-v-b-0000-1f2e3d4c.replay#3 --to game.mp4",
     )
-    parser.add_argument("file", help="a replay, as --record and `marl-cair league replay` write it")
+    parser.add_argument(
+        "file",
+        help="a replay, as --record and `marl-cair league replay` write it; FILE#3 is game 3, from "
+        "0, of a file with several, which are listed without a number",
+    )
     parser.add_argument(
         "--to",
         help="what to write: .html (a page that plays the game in any browser), .gif, .mp4 (needs "

@@ -2,11 +2,15 @@
 
 kind 1 byte | bytes of the payload u32 | CRC-32 of the rest u32 | payload
 
-s  steps: the next bytes of one deflate stream. A step is the actions of all seats, in the
-   smallest unsigned type, then the values of viewers, float16, in the order of their names
+A file holds the games that begin together on one engine, one or many.
+
+s  steps: the next bytes of one deflate stream, game after game. A step of a game is the actions of
+   all seats, in the smallest unsigned type, then the values of viewers, float16, in the order of
+   their names
 v  names and shapes of these values, as JSON
-h  number of steps so far u32 | hash of the state after them
-e  the end: the winner, as JSON
+h  game u32 | number of steps so far u32 | hash of the state after them
+e  the end of a game: its number u32 | its number of steps u32 | its winner i8, -1 for none. Later
+   steps are not its own
 """
 
 from __future__ import annotations
@@ -21,11 +25,11 @@ import numpy as np
 from marl_cair.games.game import GameSpec
 
 REPLAY_SUFFIX = ".replay"
-FORMAT, FORMAT_VERSION = "marl_cair replay", 1
+FORMAT, FORMAT_VERSION = "marl_cair replay", 2
 STEPS, VALUES, HASH, END = b"s", b"v", b"h", b"e"
 HASH_BYTES = 8
-HASHED = struct.Struct(f"<I{HASH_BYTES}s")
-WINDOW_BITS = 12  # of the deflate stream: a league writes many files at once
+ENDED = struct.Struct("<IIb")
+HASHED = struct.Struct(f"<II{HASH_BYTES}s")
 _FRAME = struct.Struct("<cII")
 _CHECKED = struct.Struct("<cI")  # of a frame, beside the payload
 

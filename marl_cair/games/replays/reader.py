@@ -6,6 +6,7 @@ import json
 import os
 import struct
 import zlib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,26 +14,70 @@ from numpy.typing import NDArray
 
 from marl_cair.files import shorten_value
 from marl_cair.games.checks.scenario import restore_fields
-from marl_cair.games.game import GameSpec
+from marl_cair.games.game import NO_WINNER, GameSpec
 from marl_cair.games.registry import GAMES
 from marl_cair.games.replays import layout
 from marl_cair.games.replays.replay import Replay, ReplayError
 from marl_cair.lookup import UnknownNameError, find_by_name
 from marl_cair.stored import REPLAY, open_stored
 
-MAX_GAME_BYTES = 512 << 20  # of all steps of one game, as they are held when a file is read
+MAX_GAMES_BYTES = 512 << 20  # of all steps that are read, as they are held
 
 
 def read_replay(path: str | os.PathLike[str]) -> Replay:
-    """Read a recorded game. Nothing in the file is run.
+    """Read a recorded game. Nothing in the file is run. `FILE#2` is game 2, from 0, of a file with
+    several.
 
     Raises:
         ReplayError: no replay, a damaged one, of another version of the rules (both are named),
             or a game that is not installed.
-        ValueError: a scenario that cannot be read, as one whose map file is missing.
+        ValueError: a file of several games without a number, a number that it does not have, or a
+            scenario that cannot be read, as one whose map file is missing.
         OSError: the file cannot be opened.
     """
+    file, mark, number = os.fspath(path).rpartition("#")
+    if not mark or not number.isdecimal() or Path(path).exists():
+        return _read_games(path, None)[0]
+    return _read_games(file, int(number))[0]
+
+
+def read_replays(path: str | os.PathLike[str]) -> list[Replay]:
+    """Read all games of a file. Raises as `read_replay`."""
+    return _read_games(path, slice(None))
+
+
+def count_games(path: str | os.PathLike[str]) -> int:
+    """How many games a replay holds, by its head alone. Raises ReplayError for no replay."""
+    with open_stored(path, REPLAY) as file:
+        return len(_read_head(path, file.readline())["games"])
+
+
+def is_whole(path: str | os.PathLike[str]) -> bool:
+    """Whether all games of a replay have their ends, by its records alone: the game need not be
+    installed.
+
+    Raises ReplayError for no replay, or a damaged one.
+    """
     head, body = _read_parts(path)
+    try:
+        kinds = [kind for kind, _ in layout.list_records(body)]
+    except ValueError as error:
+        raise _damaged(path, _describe(error)) from error
+    return kinds.count(layout.END) == len(head["games"])
+
+
+def _read_games(path: str | os.PathLike[str], chosen: int | slice | None) -> list[Replay]:
+    """The chosen games; None: the only one."""
+    head, body = _read_parts(path)
+    num_games = len(head["games"])
+    if chosen is None:
+        if num_games > 1:
+            raise ValueError(f"{path} holds {num_games} games: name one, {path}#0 is the first")
+        chosen = 0
+    if isinstance(chosen, int):
+        if chosen >= num_games:
+            raise ValueError(f"{path} has no game {chosen}, only 0..{num_games - 1}")
+        chosen = slice(chosen, chosen + 1)
     try:
         game = find_by_name("game", head["game"], GAMES)
     except UnknownNameError as error:
@@ -44,51 +89,43 @@ def read_replay(path: str | os.PathLike[str]) -> Replay:
         )
     scenario = game.scenario(None, **restore_fields(head["scenario"]))
     spec = game.make_spec(scenario)
-    if len(head["players"]) != spec.num_players:
-        raise _damaged(path, f"it names {len(head['players'])} players, not {spec.num_players}")
-    records = _Records(spec)
+    for one in head["games"]:
+        if len(one["players"]) != spec.num_players:
+            raise _damaged(path, f"it names {len(one['players'])} players, not {spec.num_players}")
+    records = _Records(spec, num_games, chosen)
     try:
         for kind, payload in layout.list_records(body):
             records.read(kind, payload)
-        actions, values = records.unpack()
+        played = records.unpack()
     except (ValueError, KeyError, TypeError, AttributeError, zlib.error, struct.error) as error:
         raise _damaged(path, _describe(error)) from error
-    return Replay(
-        game.name,
-        scenario,
-        game.version,
-        head["map_seed"],
-        tuple(head["players"]),
-        actions,
-        records.winner,
-        records.is_complete,
-        values,
-        records.hashes,
-        head["extra"],
-    )
-
-
-def is_whole(path: str | os.PathLike[str]) -> bool:
-    """Whether a replay has its end, by its records alone: the game need not be installed.
-
-    Raises ReplayError for no replay, or a damaged one.
-    """
-    _, body = _read_parts(path)
-    try:
-        kinds = [kind for kind, _ in layout.list_records(body)]
-    except ValueError as error:
-        raise _damaged(path, _describe(error)) from error
-    return layout.END in kinds
+    return [
+        Replay(
+            game.name,
+            scenario,
+            game.version,
+            one["map_seed"],
+            tuple(one["players"]),
+            actions,
+            records.winners.get(number),
+            number in records.winners,
+            values,
+            records.hashes[number],
+            one["extra"],
+        )
+        for (number, one), (actions, values) in zip(
+            list(enumerate(head["games"]))[chosen], played, strict=True
+        )
+    ]
 
 
 def _read_parts(path: str | os.PathLike[str]) -> tuple[dict[str, Any], bytes]:
     """The head, and the records."""
     with open_stored(path, REPLAY) as file:
-        line, mark, body = file.read().partition(b"\n")
-    return _read_head(path, line, mark), body
+        return _read_head(path, file.readline()), file.read()
 
 
-def _read_head(path: str | os.PathLike[str], line: bytes, mark: bytes) -> dict[str, Any]:
+def _read_head(path: str | os.PathLike[str], line: bytes) -> dict[str, Any]:
     """The head as plain data, each entry of its type."""
     try:
         head: dict[str, Any] = json.loads(line)
@@ -99,19 +136,16 @@ def _read_head(path: str | os.PathLike[str], line: bytes, mark: bytes) -> dict[s
                 f"its format has version {shorten_value(head['format_version'])}, this program "
                 f"reads {layout.FORMAT_VERSION}"
             )
-        for name, kind in (
-            ("game", str),
-            ("rules_version", str),
-            ("scenario", dict),
-            ("map_seed", int),
-            ("players", list),
-            ("extra", dict),
-        ):
-            if not isinstance(head[name], kind):
-                raise TypeError(f"{name} is {shorten_value(head[name])}")
-        if not 0 <= head["map_seed"] < 1 << 64 or not mark:
-            raise ValueError("it ends within its first line" if not mark else "map_seed is wrong")
-        head["players"] = [str(name) for name in head["players"]]
+        if not line.endswith(b"\n"):
+            raise ValueError("it ends within its first line")
+        _check_types(head, game=str, rules_version=str, scenario=dict, games=list)
+        if not head["games"]:
+            raise ValueError("it has no games")
+        for one in head["games"]:
+            _check_types(one, map_seed=int, players=list, extra=dict)
+            if not 0 <= one["map_seed"] < 1 << 64:
+                raise ValueError("map_seed is wrong")
+            one["players"] = [str(name) for name in one["players"]]
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ReplayError(
             f"{path} is no replay of marl_cair ({_describe(error)}): give a file that --record, or "
@@ -120,60 +154,83 @@ def _read_head(path: str | os.PathLike[str], line: bytes, mark: bytes) -> dict[s
     return head
 
 
-class _Records:
-    """What the records of a file hold, so far."""
+def _check_types(entries: dict[str, Any], **kinds: type) -> None:
+    for name, kind in kinds.items():
+        if not isinstance(entries[name], kind):
+            raise TypeError(f"{name} is {shorten_value(entries[name])}")
 
-    def __init__(self, spec: GameSpec) -> None:
-        self._spec = spec
-        self._inflate, self._steps = zlib.decompressobj(wbits=layout.WINDOW_BITS), bytearray()
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self.hashes: dict[int, bytes] = {}
-        self.winner: int | None = None
-        self.is_complete = False
+
+class _Records:
+    """What the records of a file hold, so far; the steps of the chosen games alone."""
+
+    def __init__(self, spec: GameSpec, num_games: int, chosen: slice) -> None:
+        self._spec, self._num_games, self._chosen = spec, num_games, chosen
+        self._inflate = zlib.decompressobj()
+        self._step = layout.step_type(spec, {})
+        self._steps: list[NDArray[Any]] = []  # [games, steps]
+        self._lengths: dict[int, int] = {}
+        self.hashes: list[dict[int, bytes]] = [{} for _ in range(num_games)]
+        self.winners: dict[int, int | None] = {}  # of the games that have ended
 
     def read(self, kind: bytes, payload: bytes) -> None:
         """Read one record. Raises ValueError and others, for what no writer writes."""
-        if self.is_complete:
+        if len(self.winners) == self._num_games:
             raise ValueError("there are records after its end")
         if kind == layout.STEPS:
             self._read_steps(payload)
         elif kind == layout.VALUES and not self._steps:
-            self._shapes = {
-                str(name): tuple(int(size) for size in shape)
-                for name, shape in json.loads(payload).items()
-            }
+            shapes = json.loads(payload).items()
+            self._step = layout.step_type(
+                self._spec, {str(name): tuple(int(one) for one in shape) for name, shape in shapes}
+            )
         elif kind == layout.HASH:
-            step, digest = layout.HASHED.unpack(payload)
-            self.hashes[step] = digest
+            game, step, digest = layout.HASHED.unpack(payload)
+            self.hashes[self._check_game(game)][step] = digest
         elif kind == layout.END:
-            self._read_end(json.loads(payload))
+            self._read_end(*layout.ENDED.unpack(payload))
         else:
             raise ValueError(f"it has a record of the kind {kind!r}")
 
     def _read_steps(self, payload: bytes) -> None:
-        room = MAX_GAME_BYTES - len(self._steps)
-        self._steps += self._inflate.decompress(payload, room)
+        held = sum(steps.nbytes for steps in self._steps)
+        raw = self._inflate.decompress(payload, MAX_GAMES_BYTES - held)
         if self._inflate.unconsumed_tail:
-            raise ValueError(f"its steps have more than {MAX_GAME_BYTES >> 20} MiB")
-
-    def _read_end(self, end: dict[str, Any]) -> None:
-        winner = end["winner"]
-        if winner is not None and winner not in range(self._spec.num_players):
-            raise ValueError(f"its winner is {shorten_value(winner)}")
-        self.winner, self.is_complete = winner, True
-
-    def unpack(self) -> tuple[NDArray[np.int32], dict[str, NDArray[np.float16]] | None]:
-        """The actions int32 [T, P, *action_shape], and the values [T, P, ...] by name."""
-        spec = self._spec
-        step = layout.step_type(spec, self._shapes)
-        if len(self._steps) % step.itemsize:
+            raise ValueError(f"its steps have more than {MAX_GAMES_BYTES >> 20} MiB")
+        if len(raw) % (self._num_games * self._step.itemsize):
             raise ValueError("its last step is not whole")
-        steps = np.frombuffer(self._steps, step)
-        actions = steps["actions"].astype(np.int32)
-        if (actions >= spec.num_actions).any():
-            raise ValueError(f"an action is {actions.max()} of {spec.num_actions}")
-        values = {name: steps["values"][name].copy() for name in self._shapes}
-        return actions, values or None
+        steps = np.frombuffer(raw, self._step).reshape(self._num_games, -1)
+        self._steps.append(steps[self._chosen].copy())
+
+    def _read_end(self, game: int, steps: int, winner: int) -> None:
+        self._check_game(game)
+        if winner not in range(NO_WINNER, self._spec.num_players):
+            raise ValueError(f"its winner is {winner}")
+        if steps > sum(part.shape[1] for part in self._steps):
+            raise ValueError(f"a game ends after {steps} steps")
+        self.winners[game] = None if winner == NO_WINNER else winner
+        self._lengths[game] = steps
+
+    def _check_game(self, game: int) -> int:
+        if game not in range(self._num_games) or game in self.winners:
+            raise ValueError(f"a record is of game {game}")
+        return game
+
+    def unpack(self) -> list[tuple[NDArray[np.int32], dict[str, NDArray[np.float16]] | None]]:
+        """Of each chosen game, the actions int32 [T, P, *action_shape], and the values
+        [T, P, ...] by name.
+        """
+        numbers = range(self._num_games)[self._chosen]
+        empty = np.zeros((len(numbers), 0), self._step)
+        steps = np.concatenate([empty, *self._steps], 1)
+        played = []
+        for number, row in zip(numbers, steps, strict=True):
+            own = row[: self._lengths.get(number, len(row))]
+            actions = own["actions"].astype(np.int32)
+            if (actions >= self._spec.num_actions).any():
+                raise ValueError(f"an action is {actions.max()} of {self._spec.num_actions}")
+            names = self._step["values"].names or ()
+            played.append((actions, {name: own["values"][name].copy() for name in names} or None))
+        return played
 
 
 def _describe(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""Writes a game to a replay file while it is played."""
+"""Writes the games of an engine to a replay file while they are played."""
 
 from __future__ import annotations
 
@@ -23,34 +23,24 @@ if TYPE_CHECKING:
 
 HASH_EVERY_STEPS = 256
 FLUSH_SECONDS = 1.0
-
-
-def describe_engine(engine: BatchedEngine) -> str:
-    """The part of a head that all games on one engine share, as JSON."""
-    values = {
-        "format": layout.FORMAT,
-        "format_version": layout.FORMAT_VERSION,
-        "game": engine.game.name,
-        "rules_version": engine.game.version,
-        "scenario": dataclasses.asdict(engine.scenario),
-    }
-    return json.dumps(values)
+_MOST_BYTES = 16 << 20  # of steps, before they are written
 
 
 class ReplayWriter:
-    """Records a game as it is played: a crash loses one second at most. A context manager.
+    """Records games as they are played: a crash loses one second at most. A context manager.
+
+    A game ends with the step after which the engine says so; later steps of its world are not kept.
 
     Args:
         path: of the file, which is replaced; missing folders are made.
-        engine: the game at its start, after `reset`.
-        map_seed: the seed of that reset.
-        players: names of the players, one for each seat.
-        extra: plain data to keep with the game.
-        world: of the engine.
-        common: `describe_engine`, computed once for many games on `engine`. Files that are given it
-            are written faster, as a league needs it: they are not synced to the disk one by one.
+        engine: the games at their start, after `reset`.
+        map_seeds: the seed of that reset, of each game.
+        players: of each game, the names of the players, one for each seat.
+        extras: plain data to keep with each game.
+        worlds: of the engine, those of the games; by default all.
 
-    Raises ValueError for another number of players, OSError where the file cannot be written.
+    Raises ValueError for another number of games or players, OSError where the file cannot be
+    written.
     """
 
     def __init__(
@@ -58,76 +48,103 @@ class ReplayWriter:
         path: str | os.PathLike[str],
         engine: BatchedEngine,
         *,
-        map_seed: int,
-        players: Sequence[str],
-        extra: Mapping[str, Any] | None = None,
-        world: int = 0,
-        common: str | None = None,
+        map_seeds: Sequence[int],
+        players: Sequence[Sequence[str]],
+        extras: Sequence[Mapping[str, Any]] | None = None,
+        worlds: Sequence[int] | NDArray[np.int64] | None = None,
     ) -> None:
-        self._engine, self._world = engine, world
-        spec = engine.spec
-        if len(players) != spec.num_players:
+        self._engine, spec = engine, engine.spec
+        self._worlds = np.arange(engine.num_worlds) if worlds is None else np.asarray(worlds)
+        num_games = len(self._worlds)
+        extras = [{}] * num_games if extras is None else extras
+        if {len(map_seeds), len(players), len(extras)} != {num_games}:
             raise ValueError(
-                f"players are {list(players)}, the game has {spec.num_players} seats: name one "
-                "player for each"
+                f"there are {len(map_seeds)} map seeds, {len(players)} rows of players and "
+                f"{len(extras)} extras for {num_games} games: give one of each for a game"
             )
-        own = {"map_seed": int(map_seed), "players": list(players), "extra": dict(extra or {})}
-        head = f"{(common or describe_engine(engine))[:-1]}, {json.dumps(own)[1:]}\n"
-        self._shape, self._dtype = (spec.num_players, *spec.action_shape), layout.action_type(spec)
+        for row in players:
+            if len(row) != spec.num_players:
+                raise ValueError(
+                    f"players are {list(row)}, the game has {spec.num_players} seats: name one "
+                    "player for each"
+                )
+        head = {
+            "format": layout.FORMAT,
+            "format_version": layout.FORMAT_VERSION,
+            "game": engine.game.name,
+            "rules_version": engine.game.version,
+            "scenario": dataclasses.asdict(engine.scenario),
+            "games": [
+                {"map_seed": int(seed), "players": list(row), "extra": dict(extra)}
+                for seed, row, extra in zip(map_seeds, players, extras, strict=True)
+            ],
+        }
+        self._shape = (num_games, spec.num_players, *spec.action_shape)
         self._shapes: dict[str, tuple[int, ...]] | None = None  # of values, from the first step on
-        self._deflate = zlib.compressobj(1, wbits=layout.WINDOW_BITS, memLevel=5)
-        self._pending = bytearray()
-        self._steps = self._hashed = 0
+        self._is_open = np.ones(num_games, np.bool_)
+        self._deflate = zlib.compressobj(1)
+        self._records = bytearray()  # hashes and ends, to be written after the steps before them
+        self._steps = self._held = 0  # in all, and of those in `_held_steps`
+        self._declare(layout.step_type(spec, {}))
         self._flushed = time.monotonic()
-        self._is_synced = common is None
-        if self._is_synced:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(path, "wb")  # noqa: PTH123, SIM115  # closed by `close`; faster than Path's
-        self._file.write(head.encode())
-        if self._is_synced:
-            self._write_hash()
-            self._file.flush()
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        self._file = open(path, "wb")  # noqa: PTH123, SIM115  # closed by `close`
+        self._file.write(json.dumps(head).encode() + b"\n")
+        self._file.flush()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        """Close; after an exception without an end, as the game was cut off."""
+        """Close; after an exception without ends, as the games were cut off."""
         if kind is None:
             self.close()
         elif not self._file.closed:
             with self._file:
                 self._write_steps()
 
-    def add(self, actions: NDArray[Any], values: Mapping[str, NDArray[Any]] | None = None) -> None:
-        """Record one step, after `engine.step`: actions [P, *action_shape] and, for viewers,
-        numbers [P, ...] by name, of the same names and shapes at each step (NaN where there are
-        none). float16 keeps three digits of them.
+    def add(
+        self,
+        actions: NDArray[Any],
+        values: Mapping[str, NDArray[Any]] | None = None,
+        winners: Mapping[int, int] | None = None,
+    ) -> None:
+        """Record one step, after `engine.step` and before the next one.
+
+        actions: [G, P, *action_shape] of the games.
+        values: for viewers, numbers [G, P, ...] by name, of the same names and shapes at each step
+            (NaN where there are none). float16 keeps three digits of them.
+        winners: of games that end here whatever the engine says, as after a forfeit: by the number
+            of the game the first seat of the winning team, or NO_WINNER.
 
         Raises ValueError for other shapes, or names than at the first step.
         """
         chosen = np.asarray(actions)
         if chosen.shape != self._shape:
-            raise ValueError(f"actions have shape {chosen.shape}, the game's are {self._shape}")
-        if self._shapes is None:
-            self._declare_values(values or {})
-        self._pending += chosen.astype(self._dtype).tobytes()
-        self._pending += self._pack_values(values or {})
+            raise ValueError(f"actions have shape {chosen.shape}, the games' are {self._shape}")
+        if not self._is_open.any():
+            return
+        if self._shapes is None or values or self._shapes:
+            self._check_values(values or {})
+        step = self._held_steps[:, self._held]
+        step["actions"] = chosen
+        for name, numbers in (values or {}).items():
+            with np.errstate(over="ignore"):
+                step["values"][name] = numbers
+        self._held += 1
         self._steps += 1
-        if self._steps >= self._hashed + HASH_EVERY_STEPS:
-            self._write_hash()
+        over = (self._engine.terminated | self._engine.truncated)[self._worlds]
+        if winners:
+            over[list(winners)] = True
+        for game in (over & self._is_open).nonzero()[0].tolist():
+            self._end(game, (winners or {}).get(game))
+        if not self._steps % HASH_EVERY_STEPS:
+            for game in self._is_open.nonzero()[0].tolist():
+                self._hash_state(game)
+        if self._held == self._held_steps.shape[1]:
+            self._write_steps()
         if time.monotonic() >= self._flushed + FLUSH_SECONDS:
             self.flush()
-
-    def extend(self, actions: NDArray[Any]) -> None:
-        """Record steps without values, after the last of them: actions [T, P, *action_shape].
-        They are not checked.
-        """
-        self._shapes = self._shapes or {}
-        self._pending += actions.astype(self._dtype).tobytes()
-        self._steps += len(actions)
-        if self._steps >= self._hashed + HASH_EVERY_STEPS:
-            self._write_hash()
 
     def flush(self) -> None:
         """Write all steps so far to the file."""
@@ -136,59 +153,65 @@ class ReplayWriter:
         self._flushed = time.monotonic()
 
     def close(self, winner: int | None = None) -> None:
-        """End the recording, before the engine's next step or reset. `winner`: the first seat of
-        the winning team, where it is not the engine's, as after a forfeit.
+        """End all games that are open, with the engine's winner or this one, and the file, before
+        the engine's next step or reset.
         """
         if self._file.closed:
             return
-        if winner is None:
-            winner = int(self._engine.winner[self._world])
         with self._file:
-            self._write_hash()
-            end = {"winner": None if winner == NO_WINNER else winner}
-            self._write(layout.END, json.dumps(end).encode())
-            if self._is_synced:
-                self._file.flush()
-                os.fsync(self._file.fileno())
+            for game in self._is_open.nonzero()[0].tolist():
+                self._end(game, winner)
+            self._write_steps()
 
-    def _declare_values(self, values: Mapping[str, NDArray[Any]]) -> None:
-        self._shapes = {name: np.shape(values[name]) for name in sorted(values)}
-        for name, shape in self._shapes.items():
-            if shape[:1] != self._shape[:1]:
-                raise ValueError(
-                    f"values of {name!r} have shape {shape}, it must begin with the number of "
-                    f"seats, {self._shape[0]}"
-                )
-        if self._shapes:
-            self._write(layout.VALUES, json.dumps(self._shapes).encode())
+    def _declare(self, kind: np.dtype[Any]) -> None:
+        """Make room for steps of this type."""
+        num_bytes = max(1, self._shape[0] * kind.itemsize)
+        most = min(HASH_EVERY_STEPS, max(1, _MOST_BYTES // num_bytes))
+        self._held_steps = np.zeros((self._shape[0], most), kind)
 
-    def _pack_values(self, values: Mapping[str, NDArray[Any]]) -> bytes:
-        shapes = {name: np.shape(values[name]) for name in sorted(values)}
+    def _check_values(self, values: Mapping[str, NDArray[Any]]) -> None:
+        """Compare names and shapes with those of the first step, which declares them."""
+        shapes = {name: np.shape(values[name])[1:] for name in sorted(values)}
+        if self._shapes is None:
+            for name, numbers in values.items():
+                if np.shape(numbers)[:2] != self._shape[:2]:
+                    raise ValueError(
+                        f"values of {name!r} have shape {np.shape(numbers)}, it must begin with "
+                        f"the numbers of games and seats, {self._shape[:2]}"
+                    )
+            self._shapes = shapes
+            if shapes:
+                self._declare(layout.step_type(self._engine.spec, shapes))
+                self._file.write(layout.pack_record(layout.VALUES, json.dumps(shapes).encode()))
         if shapes != self._shapes:
             raise ValueError(
                 f"values have the names and shapes {shapes}, at the first step {self._shapes}: "
                 "give the same at each step"
             )
-        with np.errstate(over="ignore"):
-            packed = [np.asarray(values[name]).astype("<f2").tobytes() for name in shapes]
-        return b"".join(packed)
 
     def _write_steps(self) -> None:
-        if self._pending:
-            packed = self._deflate.compress(self._pending)
-            self._write(layout.STEPS, packed + self._deflate.flush(zlib.Z_SYNC_FLUSH))
-            self._pending.clear()
+        """Write the steps since the last time, and the hashes and ends in them."""
+        if self._held:
+            packed = self._deflate.compress(self._held_steps[:, : self._held].tobytes())
+            packed += self._deflate.flush(zlib.Z_SYNC_FLUSH)
+            self._file.write(layout.pack_record(layout.STEPS, packed))
+            self._held = 0
+        self._file.write(self._records)
+        self._records.clear()
 
-    def _write_hash(self) -> None:
-        """Write the steps so far, and the hash of the state after them."""
-        self._write_steps()
-        self._hashed = self._steps
-        self._write(
-            layout.HASH, layout.HASHED.pack(self._steps, hash_state(self._engine, self._world))
-        )
+    def _end(self, game: int, winner: int | None) -> None:
+        """End a game now, with this winner or the engine's."""
+        self._hash_state(game)
+        if winner is None:
+            winner = int(self._engine.winner[self._worlds[game]])
+        record = layout.ENDED.pack(game, self._steps, winner)
+        self._records += layout.pack_record(layout.END, record)
+        self._is_open[game] = False
 
-    def _write(self, kind: bytes, payload: bytes) -> None:
-        self._file.write(layout.pack_record(kind, payload))
+    def _hash_state(self, game: int) -> None:
+        digest = hash_state(self._engine, int(self._worlds[game]))
+        record = layout.HASHED.pack(game, self._steps, digest)
+        self._records += layout.pack_record(layout.HASH, record)
 
 
 def write_replay(path: str | os.PathLike[str], replay: Replay) -> None:
@@ -197,9 +220,10 @@ def write_replay(path: str | os.PathLike[str], replay: Replay) -> None:
     Raises as `ReplayWriter`.
     """
     steps = replay_steps(replay)
-    seed, players, extra = replay.map_seed, replay.players, replay.extra
-    with ReplayWriter(path, next(steps), map_seed=seed, players=players, extra=extra) as writer:
+    seeds, players, extras = [replay.map_seed], [replay.players], [replay.extra]
+    engine = next(steps)
+    with ReplayWriter(path, engine, map_seeds=seeds, players=players, extras=extras) as writer:
         for step, _ in enumerate(steps):
-            values = {name: numbers[step] for name, numbers in (replay.values or {}).items()}
-            writer.add(replay.actions[step], values)
+            values = {name: numbers[None, step] for name, numbers in (replay.values or {}).items()}
+            writer.add(replay.actions[None, step], values)
         writer.close(NO_WINNER if replay.winner is None else replay.winner)

@@ -1,13 +1,13 @@
-"""Records the games of matches and leagues, each in a replay file, while they are played."""
+"""Records the games of matches and leagues in replay files, while they are played."""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 import re
-import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,21 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.game import NO_WINNER
-from marl_cair.games.replays import FLUSH_SECONDS, REPLAY_SUFFIX, ReplayWriter, describe_engine
-from marl_cair.games.replays.layout import action_type
+from marl_cair.games.replays import REPLAY_SUFFIX, ReplayWriter
 from marl_cair.league.play.playing import Chunk, Step, find_remaining
 
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
 
 _MOST_LETTERS = 80  # of the players in a file's name
-_MOST_STEPS, _MOST_BYTES = 256, 16 << 20  # that are gathered before they reach the files' buffers
 
 
 class Recording(NamedTuple):
     """Where games are recorded.
 
-    folder: of the files; a game that is there is written again.
+    folder: of the files, one for the games that are played at once; one that is there is replaced.
     names: of the entries of the line-up.
     num_blocks: only games of the first blocks; None: all.
     """
@@ -55,52 +53,24 @@ def recording(
 
     seeds [B]: of the engine's worlds. Without `record` nothing is recorded.
     """
-    if record is None:
+    blocks = np.concatenate([chunk.blocks for chunk in chunks])
+    most = math.inf if record is None or record.num_blocks is None else record.num_blocks
+    worlds = np.flatnonzero(blocks < most)
+    game_of = {world: game for game, world in enumerate(worlds.tolist())}
+    if record is None or not len(worlds):
         yield None
         return
-    with ExitStack() as files:
-        writers = _open_files(record, engine, chunks, seeds)
-        for writer in writers.values():
-            files.enter_context(writer)
-        yield _Recorder(engine, writers).note
+    with _open_file(record, engine, chunks, worlds, seeds) as writer:
 
+        def note(step: Step) -> None:
+            winners = {
+                game_of[world]: _find_survivor(engine, step, world)
+                for world, _ in step.forfeits
+                if world in game_of
+            }
+            writer.add(step.actions[worlds], winners=winners)
 
-class _Recorder:
-    """Gathers the steps of all worlds, and writes them to their files about once a second."""
-
-    def __init__(self, engine: BatchedEngine, writers: dict[int, ReplayWriter]) -> None:
-        self._engine, self._writers = engine, writers
-        self._is_open = np.zeros(engine.num_worlds, np.bool_)
-        self._is_open[list(writers)] = True
-        shape = (engine.num_worlds, engine.num_players, *engine.spec.action_shape)
-        kind = action_type(engine.spec)
-        most = max(1, min(_MOST_STEPS, _MOST_BYTES // (math.prod(shape) * kind.itemsize)))
-        self._steps, self._count = np.empty((most, *shape), kind), 0  # since the last gathering
-        self._flushed = time.monotonic()
-
-    def note(self, step: Step) -> None:
-        """Note one step of all worlds; close the files of games that have ended by it."""
-        self._steps[self._count] = step.actions
-        self._count += 1
-        over = self._engine.terminated | self._engine.truncated
-        given_up = [world for world, _ in step.forfeits]
-        if given_up:
-            over[given_up] = True
-        over &= self._is_open
-        for world in over.nonzero()[0].tolist():
-            winner = _find_survivor(self._engine, step, world) if world in given_up else None
-            self._writers[world].extend(self._steps[: self._count, world])
-            self._writers[world].close(winner)
-            self._is_open[world] = False
-        is_late = time.monotonic() >= self._flushed + FLUSH_SECONDS
-        if is_late or self._count == len(self._steps):
-            for world in self._is_open.nonzero()[0].tolist():
-                self._writers[world].extend(self._steps[: self._count, world])
-                if is_late:
-                    self._writers[world].flush()
-            self._count = 0
-        if is_late:
-            self._flushed = time.monotonic()
+        yield note
 
 
 def _find_survivor(engine: BatchedEngine, step: Step, world: int) -> int:
@@ -112,39 +82,31 @@ def _find_survivor(engine: BatchedEngine, step: Step, world: int) -> int:
     return int(np.flatnonzero(teams == left[0])[0]) if len(left) == 1 else NO_WINNER
 
 
-def _open_files(
-    record: Recording, engine: BatchedEngine, chunks: Sequence[Chunk], seeds: NDArray[np.uint64]
-) -> dict[int, ReplayWriter]:
-    """The file of each world that is recorded."""
+def _open_file(
+    record: Recording,
+    engine: BatchedEngine,
+    chunks: Sequence[Chunk],
+    worlds: NDArray[np.int64],
+    seeds: NDArray[np.uint64],
+) -> ReplayWriter:
+    """The file of the games of these worlds."""
     blocks = np.concatenate([chunk.blocks for chunk in chunks])
-    turns = (
-        np.arange(len(blocks))
-        - np.unique(blocks, return_index=True)[1][np.unique(blocks, return_inverse=True)[1]]
-    )
+    firsts, places = np.unique(blocks, return_index=True, return_inverse=True)[1:]
+    turns = np.arange(len(blocks)) - firsts[places]
     players = _name_players(record, engine, chunks)
-    common = describe_engine(engine)
-    digest = hashlib.sha256(common.encode())
-    record.folder.mkdir(parents=True, exist_ok=True)
     letters = "-v-".join(re.sub(r"[^\w.]+", "_", name).strip("_") for name in record.names)
-    place = record.folder / letters[:_MOST_LETTERS]
-    writers = {}
-    for world, (block, turn) in enumerate(zip(blocks.tolist(), turns.tolist(), strict=True)):
-        if record.num_blocks is not None and block >= record.num_blocks:
-            continue
-        # Other agents and scenarios may have names as these in the same folder.
-        own = digest.copy()
-        own.update(f"{seeds[world]} {players[world]}".encode())
-        ending = f"{block:04}-{turn}-{own.hexdigest()[:8]}{REPLAY_SUFFIX}"
-        writers[world] = ReplayWriter(
-            f"{place}-{ending}",
-            engine,
-            map_seed=int(seeds[world]),
-            players=players[world],
-            extra={"block": block, "game": turn},
-            world=world,
-            common=common,
-        )
-    return writers
+    # Other agents and scenarios may have names as these in the same folder.
+    about = f"{dataclasses.asdict(engine.scenario)} {seeds[worlds].tolist()} {players}"
+    digest = hashlib.sha256(about.encode()).hexdigest()[:8]
+    name = f"{letters[:_MOST_LETTERS]}-{blocks[worlds[0]]:04}-{digest}{REPLAY_SUFFIX}"
+    return ReplayWriter(
+        record.folder / name,
+        engine,
+        map_seeds=seeds[worlds].tolist(),
+        players=[players[world] for world in worlds],
+        extras=[{"block": int(blocks[world]), "game": int(turns[world])} for world in worlds],
+        worlds=worlds,
+    )
 
 
 def _name_players(

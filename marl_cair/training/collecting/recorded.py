@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from marl_cair.games.replays import REPLAY_SUFFIX, Replay, read_replay, replay_steps
+from marl_cair.games.replays import REPLAY_SUFFIX, Replay, read_replays, replay_steps
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.storage import EpisodeStorage
 from marl_cair.replay.transition import NO_OPPONENT, UNKNOWN_ACTION, TransitionSpec
@@ -40,8 +40,7 @@ def fill_from_replays(
     """
     source, players = settings.replays or "", settings.players
     seen: set[str] = set()
-    for path in _list_files(source):
-        replay = read_replay(path)
+    for path, replay in _list_games(source):
         fitted = _fit_scenario(path, replay, engine)
         seats = _find_seats(replay, players)
         seen |= set(replay.players)
@@ -62,7 +61,7 @@ def fill_from_replays(
         )
 
 
-def _list_files(source: str | os.PathLike[str]) -> list[Path]:
+def _list_games(source: str | os.PathLike[str]) -> Iterator[tuple[Path, Replay]]:
     place = Path(source)
     files = sorted(place.rglob(f"*{REPLAY_SUFFIX}")) if place.is_dir() else [place]
     if not files:
@@ -70,7 +69,9 @@ def _list_files(source: str | os.PathLike[str]) -> list[Path]:
             f"demonstration.replays is {source}, a folder without replays (*{REPLAY_SUFFIX}): "
             "`marl-cair match ... --record FOLDER` writes some"
         )
-    return files
+    for path in files:
+        for replay in read_replays(path):
+            yield path, replay
 
 
 def _fit_scenario(path: Path, replay: Replay, engine: BatchedEngine) -> Replay:

@@ -8,7 +8,13 @@ from PIL import Image
 
 from marl_cair.cli import main
 from marl_cair.games import GAMES, make_engine
-from marl_cair.games.replays import ReplayWriter, read_replay, replay_steps
+from marl_cair.games.replays import (
+    ReplayWriter,
+    count_games,
+    read_replay,
+    read_replays,
+    replay_steps,
+)
 from marl_cair.stored import DamagedFileError
 from marl_cair.viewer.page import read_game
 from tests.league.players import save_network
@@ -19,7 +25,7 @@ SHORT = ("--scenario", "11x11", "--set", "max_ticks=100")  # 10 steps
 
 @pytest.fixture(scope="module")
 def games(tmp_path_factory):
-    """A folder of two games."""
+    """A folder with a file of two games."""
     folder = tmp_path_factory.mktemp("games")
     words = ["match", "random", "turtle", *SHORT, "--games", "2", "--record", str(folder)]
     assert main(words) == 0
@@ -28,7 +34,23 @@ def games(tmp_path_factory):
 
 @pytest.fixture
 def file(games):
-    return str(min(games.iterdir()))
+    """The first of its games."""
+    (path,) = games.iterdir()
+    return f"{path}#0"
+
+
+def test_the_games_of_a_file_are_listed(games, tmp_path, capsys):
+    (path,) = games.iterdir()
+    assert main(["replay", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    played = ("random (seat 0) v turtle (seat 1)", "turtle (seat 0) v random (seat 1)")
+    assert lines == [
+        f"{path}#{number}: {players}: 10 steps, 10 s of the game; no winner"
+        for number, players in enumerate(played)
+    ]
+    out = str(tmp_path / "a.gif")
+    assert_refused(capsys, "holds 2 games: name one, ", "replay", str(path), "--to", out)
+    assert_refused(capsys, "has no game 2, only 0..1", "replay", f"{path}#2")
 
 
 def test_a_replay_is_printed(file, capsys):
@@ -44,9 +66,9 @@ def test_values_and_a_cut_are_printed(tmp_path, capsys):
     engine = make_engine("deep_line_wars")
     engine.reset(3)
     path = tmp_path / "a.replay"
-    recorder = ReplayWriter(path, engine, map_seed=3, players=["a", "b\x1b"])
+    recorder = ReplayWriter(path, engine, map_seeds=[3], players=[["a", "b\x1b"]])
     engine.step(np.zeros((1, 2), np.int32))
-    recorder.add(np.zeros(2), {"q": np.zeros((2, 4))})
+    recorder.add(np.zeros((1, 2)), {"q": np.zeros((1, 2, 4))})
     recorder.flush()
     content = path.read_bytes()
     recorder.close()
@@ -83,7 +105,7 @@ def test_pictures_show_the_view_of_a_seat(tmp_path):
     engine = make_engine("deep_rts", "FFA-6-31x31-fog")
     engine.reset(3)
     path = tmp_path / "a.replay"
-    with ReplayWriter(path, engine, map_seed=3, players="abcdef"):
+    with ReplayWriter(path, engine, map_seeds=[3], players=["abcdef"]):
         pass
     assert main(["replay", str(path), "--to", str(tmp_path / "new"), "--player", "4"]) == 0
     with Image.open(tmp_path / "new" / "00000.png") as picture:
@@ -135,9 +157,10 @@ def test_states_of_games_in_browsers_are_refused(file, tmp_path, capsys, monkeyp
 
 
 def test_replays_are_verified(games, tmp_path, capsys):
-    for number, path in enumerate(sorted(games.iterdir())):
-        content = path.read_bytes()
-        (tmp_path / path.name).write_bytes(content[: len(content) - number])
+    (path,) = games.iterdir()
+    content = path.read_bytes()
+    for number in range(2):
+        (tmp_path / f"{number}.replay").write_bytes(content[: len(content) - number])
     assert main(["verify", str(tmp_path)]) == 1
     text = capsys.readouterr().out
     assert "was cut off before its end" in text
@@ -148,20 +171,20 @@ def test_evaluations_are_recorded(tmp_path, capsys):
     words = ["evaluate", "turtle", "--against", "random", "rusher", *SHORT, "--games", "2"]
     assert main([*words, "--record", str(tmp_path)]) == 0
     names = sorted(path.name.split("-0000")[0] for path in tmp_path.iterdir())
-    assert names == ["turtle-v-random"] * 2 + ["turtle-v-rusher"] * 2
+    assert names == ["turtle-v-random", "turtle-v-rusher"]
     words = ["evaluate", "oracle", "--game", "deep_maze", "--scenario", "7x7-full_deterministic"]
     assert main([*words, "--games", "3", "--record", str(tmp_path / "maze")]) == 0
-    assert len(list((tmp_path / "maze").iterdir())) == 6  # of `random` too
+    assert sorted(map(count_games, (tmp_path / "maze").iterdir())) == [3, 3]  # of `random` too
 
 
 def test_matches_for_one_and_sequential_tests_are_recorded(tmp_path):
     words = ["match", "oracle", "random", "--game", "deep_maze"]
     words += ["--scenario", "7x7-full_deterministic", "--games", "2"]
     assert main([*words, "--record", str(tmp_path / "maze")]) == 0
-    assert len(list((tmp_path / "maze").iterdir())) == 4
+    assert sorted(map(count_games, (tmp_path / "maze").iterdir())) == [2, 2]
     words = ["match", "random", "turtle", *SHORT, "--sprt", "0,100", "--max-games", "4"]
     assert main([*words, "--record", str(tmp_path / "test")]) == 0
-    assert len(list((tmp_path / "test").iterdir())) >= 4
+    assert sum(map(count_games, (tmp_path / "test").iterdir())) >= 4
 
 
 @pytest.mark.slow
@@ -175,7 +198,8 @@ def test_stored_games_of_a_league_are_replayed(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     assert all("turtle" in line and "random" in line for line in lines)
-    held = {(one.map_seed, one.players): one for one in map(read_replay, recorded.iterdir())}
+    all_games = [one for path in recorded.iterdir() for one in read_replays(path)]
+    held = {(one.map_seed, one.players): one for one in all_games}
     files = sorted((tmp_path / "league" / "games").iterdir())
     assert len(files) == 3
     for path in files:

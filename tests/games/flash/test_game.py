@@ -182,12 +182,14 @@ def test_a_recorded_game_is_played_again(tmp_path):
     engine.reset(np.array([5], np.uint64))
     rng, shown = np.random.default_rng(0), []
     path = tmp_path / "a.replay"
-    with ReplayWriter(path, engine, map_seed=5, players=["a"]) as recorder:
+    with ReplayWriter(path, engine, map_seeds=[5], players=[["a"]]) as recorder:
         for _ in range(60):
             actions = rng.integers(0, engine.num_actions, (1, 1))
             engine.step(actions)
-            recorder.add(actions[0])
+            recorder.add(actions)
             shown.append((engine.rewards[0, 0], engine.observe("rgb84").tobytes()))
+            if engine.terminated[0]:
+                break
     engine.close()
     steps = replay_steps(read_replay(path))
     next(steps)

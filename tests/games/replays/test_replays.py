@@ -16,8 +16,10 @@ from marl_cair.games import GAMES, make_engine
 from marl_cair.games.replays import (
     ReplayError,
     ReplayWriter,
+    count_games,
     hash_state,
     read_replay,
+    read_replays,
     replay_steps,
     write_replay,
     writer,
@@ -33,7 +35,7 @@ QUICK = settings(
 def start(engine, path, seed, **more):
     engine.reset(np.array([seed], np.uint64))
     names = [f"player {seat}" for seat in range(engine.num_players)]
-    return ReplayWriter(path, engine, map_seed=seed, players=names, **more)
+    return ReplayWriter(path, engine, map_seeds=[seed], players=[names], **more)
 
 
 def record(engine, path, seed, num_steps, luck_seed=0):
@@ -44,7 +46,7 @@ def record(engine, path, seed, num_steps, luck_seed=0):
         for numbers in luck.numbers:
             actions = choose_actions(engine, numbers)
             engine.step(actions)
-            recorder.add(actions[0])
+            recorder.add(actions)
             states.append(engine.state_dict())
     return states
 
@@ -80,8 +82,9 @@ def test_any_recorded_game_is_played_again(
     assert replay.rules_version == GAMES[name].version
     assert replay.scenario == engine.scenario
     assert replay.is_complete
-    assert len(replay.actions) == num_steps
-    assert max(replay.hashes) == num_steps
+    over = engine.terminated[0] | engine.truncated[0]
+    assert len(replay.actions) == num_steps or over
+    assert max(replay.hashes) == len(replay.actions)
     assert_same(states, replay)
 
 
@@ -153,10 +156,10 @@ from marl_cair.games.replays import ReplayWriter
 
 engine = make_engine("deep_maze", "7x7-full_deterministic")
 engine.reset(np.array([5], np.uint64))
-writer = ReplayWriter(sys.argv[1], engine, map_seed=5, players=["a"])
+writer = ReplayWriter(sys.argv[1], engine, map_seeds=[5], players=[["a"]])
 for step in range(60):
     engine.step(np.zeros((1, 1), np.int32))
-    writer.add(np.zeros(1))
+    writer.add(np.zeros((1, 1)))
     time.sleep(0.05)
 os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -179,7 +182,7 @@ def test_an_exception_leaves_the_steps_and_no_end(tmp_path):
     recorder = start(engine, tmp_path / "a.replay", 1)
     engine.step(np.zeros((1, 1), np.int32))
     with contextlib.suppress(KeyboardInterrupt), recorder:
-        recorder.add(np.zeros(1))
+        recorder.add(np.zeros((1, 1)))
         raise KeyboardInterrupt
     replay = read_replay(tmp_path / "a.replay")
     assert (len(replay.actions), replay.is_complete) == (1, False)
@@ -193,12 +196,12 @@ def test_a_game_has_a_few_kilobytes(tmp_path):
 
 def test_values_and_notes_are_kept(tmp_path):
     engine = make_engine("deep_line_wars")
-    recorder = start(engine, tmp_path / "a.replay", 3, extra={"by": "test", "numbers": [1, 2]})
+    recorder = start(engine, tmp_path / "a.replay", 3, extras=[{"by": "test", "numbers": [1, 2]}])
     with recorder:
         for step in range(3):
             engine.step(np.zeros((1, 2), np.int32))
-            values = {"q": np.full((2, 5), step / 4), "chance": np.array([np.nan, 1.0])}
-            recorder.add(np.zeros(2), values)
+            values = {"q": np.full((1, 2, 5), step / 4), "chance": np.array([[np.nan, 1.0]])}
+            recorder.add(np.zeros((1, 2)), values)
     replay = read_replay(tmp_path / "a.replay")
     assert {name: held.dtype for name, held in replay.values.items()} == {
         "q": np.float16,
@@ -209,17 +212,40 @@ def test_values_and_notes_are_kept(tmp_path):
     assert replay.extra == {"by": "test", "numbers": [1, 2]}
 
 
-def test_a_world_of_a_batch_is_recorded_alone(tmp_path):
-    engine = make_engine("deep_line_wars", num_worlds=3)
-    engine.reset(np.array([7, 8, 9], np.uint64))
-    path, names = tmp_path / "a.replay", ["a", "b"]
-    with ReplayWriter(path, engine, map_seed=8, players=names, world=1) as recorder:
-        for numbers in Luck.draw(20, 3, 2).numbers:
-            actions = choose_actions(engine, numbers)
-            engine.step(actions)
-            recorder.add(actions[1])
-    *_, last = replay_steps(read_replay(path))
-    assert hash_state(last) == hash_state(engine, 1)
+@pytest.mark.parametrize("worlds", [None, [2], [0, 2]])
+def test_a_file_holds_the_games_of_a_batch(tmp_path, worlds):
+    engine = make_engine("deep_maze", "7x7-full_deterministic", num_worlds=3, max_ticks=9)
+    seeds, chosen = np.array([7, 8, 9], np.uint64), worlds or [0, 1, 2]
+    engine.reset(seeds)
+    path, ended = tmp_path / "a.replay", {}
+    players = [[f"player {world}"] for world in chosen]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(writer, "FLUSH_SECONDS", 0.0)
+        with ReplayWriter(
+            path, engine, map_seeds=seeds[chosen].tolist(), players=players, worlds=worlds
+        ) as recorder:
+            for step, numbers in enumerate(Luck.draw(12, 3, 1).numbers):
+                actions = choose_actions(engine, numbers)
+                engine.step(actions)
+                for world in np.flatnonzero(engine.terminated | engine.truncated):
+                    ended.setdefault(world, (step + 1, hash_state(engine, world)))
+                recorder.add(actions[chosen])
+    assert count_games(path) == len(chosen)
+    replays = read_replays(path)
+    for game, world in enumerate(chosen):
+        steps, state = ended[world]
+        for replay in (replays[game], read_replay(f"{path}#{game}")):
+            assert replay.players == (f"player {world}",)
+            assert replay.map_seed == seeds[world]
+            assert len(replay.actions) == steps
+            assert replay.is_complete
+            *_, last = replay_steps(replay)
+            assert hash_state(last) == state
+    with pytest.raises(ValueError, match=rf"has no game {len(chosen)}, only 0\.\."):
+        read_replay(f"{path}#{len(chosen)}")
+    if len(chosen) > 1:
+        with pytest.raises(ValueError, match=rf"holds {len(chosen)} games: name one, .*#0"):
+            read_replay(path)
 
 
 def test_a_winner_that_the_rules_do_not_name_is_kept(tmp_path):
@@ -243,8 +269,8 @@ def test_a_replay_is_written_again_with_hashes(tmp_path):
 @pytest.mark.parametrize(
     ("actions", "values", "message"),
     [
-        (np.zeros(3), None, r"actions have shape \(3,\), the game's are \(2,\)"),
-        (np.zeros(2), {"q": np.zeros(3)}, r"values of 'q' have shape \(3,\), it must begin with"),
+        (np.zeros((1, 3)), None, r"actions have shape \(1, 3\), the games' are \(1, 2\)"),
+        (np.zeros((1, 2)), {"q": np.zeros((1, 3))}, r"values of 'q' have shape \(1, 3\), it must"),
     ],
 )
 def test_steps_of_another_shape_are_refused(tmp_path, actions, values, message):
@@ -255,17 +281,19 @@ def test_steps_of_another_shape_are_refused(tmp_path, actions, values, message):
 
 def test_values_must_stay_the_same(tmp_path):
     recorder = start(make_engine("deep_line_wars"), tmp_path / "a.replay", 3)
-    recorder.add(np.zeros(2), {"q": np.zeros(2)})
+    recorder.add(np.zeros((1, 2)), {"q": np.zeros((1, 2))})
     message = "values have the names and shapes .* at the first step"
     with pytest.raises(ValueError, match=message), recorder:
-        recorder.add(np.zeros(2))
+        recorder.add(np.zeros((1, 2)))
 
 
 def test_each_seat_has_a_name(tmp_path):
     engine = make_engine("deep_line_wars")
     engine.reset(3)
     with pytest.raises(ValueError, match=r"players are \['a'\], the game has 2 seats"):
-        ReplayWriter(tmp_path / "a.replay", engine, map_seed=3, players=["a"])
+        ReplayWriter(tmp_path / "a.replay", engine, map_seeds=[3], players=[["a"]])
+    with pytest.raises(ValueError, match="2 map seeds, 1 rows of players and 1 extras for 1 games"):
+        ReplayWriter(tmp_path / "a.replay", engine, map_seeds=[3, 4], players=[["a", "b"]])
     assert list(tmp_path.iterdir()) == []
 
 

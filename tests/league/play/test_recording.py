@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from marl_cair.games import GAMES
-from marl_cair.games.replays import read_replay, replay_steps
+from marl_cair.games.replays import read_replays, replay_steps
 from marl_cair.league.agents.foreign import ForeignAgent
 from marl_cair.league.league import LeagueConfig, play_league
 from marl_cair.league.play.match import play_match
@@ -26,7 +26,8 @@ def scenario():
 
 
 def read_all(folder):
-    return [read_replay(path) for path in sorted(folder.rglob("*.replay"))]
+    files = sorted(folder.rglob("*.replay"))
+    return [replay for path in files for replay in read_replays(path)]
 
 
 def bots(scenario, *names):
@@ -49,7 +50,7 @@ def test_each_game_of_a_match_has_a_file(scenario, tmp_path):
         *_, last = replay_steps(replay)  # compares all hashes
         assert last.winner[0] == result.winner
     assert len({replay.map_seed for replay in replays}) == 3
-    assert min(tmp_path.iterdir()).name.startswith("runs_a_latest-v-turtle-0000-0-")
+    assert min(tmp_path.iterdir()).name.startswith("runs_a_latest-v-turtle-0000-")
 
 
 def test_games_of_other_scenarios_lie_beside_them(scenario, tmp_path):

@@ -250,14 +250,18 @@ class PolicyActor:
         action_mask: npt.NDArray[np.bool_],
         state: npt.NDArray[np.float32] | None = None,
     ) -> npt.NDArray[np.float32]:
-        """Observation [N, *shape], mask bool [N, A] -> action values float32 [N, A].
+        """Observation [N, *shape], mask bool [N, A] -> action values float32 [N, A], or, where
+        actions are sampled, their probabilities.
 
-        Values of illegal actions are -inf. The unit is the reward that the agent was trained with.
-        state: float32 [N, state_size] before the step; None: as when an episode begins.
+        Those of illegal actions are -inf. The unit of values is the reward that the agent was
+        trained with. state: float32 [N, state_size] before the step; None: as when an episode
+        begins.
         """
         if state is None:
             state = np.zeros((len(observation), self.state_size), np.float32)
         found, _ = self.step(_view_tensor(observation), _view_tensor(state))
+        if self.is_sampled:
+            found = found.masked_fill(~_view_tensor(action_mask), -torch.inf).softmax(-1)
         return np.where(action_mask, found.numpy(), np.float32(-np.inf))
 
     def find_presences(self, observation: npt.NDArray[Any]) -> npt.NDArray[np.float32] | None:

@@ -233,6 +233,16 @@ class TestSampling:
         assert counts[1] == 0
         assert (counts - expected).abs().max() < 0.02
 
+    def test_an_agent_that_samples_reports_these_probabilities(self):
+        network = make_q_network(QNetworkConfig(), (3, 10, 15), 6, seed=0)
+        agent = PolicyActor(network, "student", "planes", MaskedSampling(3))
+        observation, mask = (one[:1].repeat(4_000, 0) for one in random_batch(1))
+        reported = agent.values(observation[:1], mask[:1])[0]
+        assert np.isneginf(reported[~mask[0]]).all()
+        counts = np.bincount(agent.act(observation, mask), minlength=6) / 4_000
+        assert np.abs(counts - reported)[mask[0]].max() < 0.03
+        assert reported[mask[0]].sum() == pytest.approx(1.0)
+
     def test_an_illegal_action_is_never_sampled(self):
         values = torch.tensor([[1e30, -1e30, 80.0, 1e30]]).expand(500, -1)
         mask = torch.tensor([[False, True, False, False]]).expand(500, -1)

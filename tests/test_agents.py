@@ -10,6 +10,7 @@ from marl_cair.checkpoint import load_network, load_tensors, read_description
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.match import play_match
+from marl_cair.league.play.solo import play_alone
 from tests.games.flash.browser.flash_files import need_flash
 
 AGENTS = Path(__file__).parents[1] / "agents"
@@ -23,12 +24,17 @@ LEAST = {
     "flash_duel": (0.87, 0.87),  # 97.5 %
 }
 BOTS = {"flash_duel": ("duelist",)}  # others play them all
+# Games alone: how many, options, a number of each game and its least mean, as above.
+ALONE = {
+    "deep_maze_9x9": (200, {}, "solved", 0.97),  # 100 %
+    "flappy_bird": (24, {"max_ticks": 6_000}, "pipes_passed", 80.0),  # 116
+}
 
 
 def test_the_page_names_all():
     page = (AGENTS / "README.md").read_text("utf-8")
-    assert {path.name for path in AGENTS.iterdir() if path.is_dir()} == set(LEAST)
-    for name in LEAST:
+    assert {path.name for path in AGENTS.iterdir() if path.is_dir()} == {*LEAST, *ALONE}
+    for name in (*LEAST, *ALONE):
         assert f"`{name}`" in page
 
 
@@ -84,3 +90,15 @@ def test_it_plays_as_well_as_the_page_says(name):
     least, mean = LEAST[name]
     assert min(points) >= least
     assert sum(points) / len(points) >= mean
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ALONE)
+def test_alone_it_plays_as_well_as_the_page_says(name):
+    num_games, options, number, least = ALONE[name]
+    about = read_description(AGENTS / name)
+    game = GAMES[about.game]
+    scenario = game.scenario(about.scenario, **{**about.scenario_options, **options})
+    games = play_alone(load_agent(AGENTS / name), game, scenario, num_games, 0).results
+    reached = [one.numbers.get(number, not one.is_truncated) for one in games]
+    assert np.mean(reached) >= least

@@ -92,12 +92,8 @@ class LazyTable(Mapping[str, T]):
         entry: Any = self[name]
         if not self.is_outside(name):
             return entry(*arguments)
-        try:
+        with outside.outside_call(f"{name} failed when it was made"):
             return entry(*arguments)
-        except Exception as error:  # whatever the user's code raises
-            raise outside.OutsideCodeError(
-                f"{name} failed when it was made: {type(error).__name__}: {error}"
-            ) from error
 
     def __contains__(self, name: object) -> bool:
         is_known = name in self._places or name in self._points

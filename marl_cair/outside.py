@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -24,6 +25,17 @@ class CodeNotAllowedError(ValueError):
 
 class OutsideCodeError(ValueError):
     """Code of a user or of an installed package that is missing, of a wrong kind, or fails."""
+
+
+@contextmanager
+def outside_call(what: str) -> Iterator[None]:
+    """Turn whatever the user's code raises into an OutsideCodeError that begins with `what`."""
+    try:
+        yield
+    except OutsideCodeError:
+        raise
+    except Exception as error:
+        raise OutsideCodeError(f"{what}: {type(error).__name__}: {error}") from error
 
 
 def is_place(name: object) -> bool:

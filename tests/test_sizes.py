@@ -9,12 +9,12 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_665,
-    "policies": 2_430,
+    "policies": 2_425,
     "replay": 2_290,
     "generative": 2_980,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_640,
+    "training": 7_630,
     "experiments": 1_640,
     "viewer": 725,
     "window": 2_675,
@@ -22,7 +22,7 @@ MAX_LINES = {
     "dashboard": 320,
     "conf": 10,
     "cli": 4_340,
-    "": 1_950,  # the modules that every part may import
+    "": 1_955,  # the modules that every part may import
 }
 
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from marl_cair import policies
-from marl_cair.outside import OutsideCodeError
+from marl_cair.outside import OutsideCodeError, outside_call
 
 if TYPE_CHECKING:
     from marl_cair.policies.q_network import QNetwork
@@ -35,19 +35,12 @@ def check_outside(network: QNetwork) -> None:
     hooks = [part.register_forward_hook(_make_check(name, size)) for name, part, size in parts]
     was_training = network.training
     network.eval()  # running means, as of batch normalisation, do not change
+    seen = torch.zeros(_NUM_ROWS, *network.observation_shape)
+    named = " and ".join(name for name, _, _ in parts)
+    what = f"{named} failed on observations of zeros of shape {list(seen.shape)}"
     try:
-        with torch.random.fork_rng(devices=[]):
-            seen = torch.zeros(_NUM_ROWS, *network.observation_shape)
+        with outside_call(what), torch.random.fork_rng(devices=[]):
             network(seen, torch.zeros(_NUM_ROWS, network.state_size) if network.memory else None)
-    except OutsideCodeError:
-        raise
-    except Exception as error:  # whatever the user's code raises
-        named = " and ".join(name for name, _, _ in parts)
-        shape = [_NUM_ROWS, *network.observation_shape]
-        raise OutsideCodeError(
-            f"{named} failed on observations of zeros of shape {shape}: "
-            f"{type(error).__name__}: {error}"
-        ) from error
     finally:
         for hook in hooks:
             hook.remove()

@@ -9,7 +9,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from marl_cair.outside import OutsideCodeError
+from marl_cair.outside import OutsideCodeError, outside_call
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.replay.transition import NO_ACTION, TransitionSpec, make_tensordict
 from marl_cair.training.losses import Loss, LossResult
@@ -33,14 +33,9 @@ def check_loss(settings: LearnerSettings, network: QNetwork, spec: TransitionSpe
     target = deepcopy(online).requires_grad_(False) if loss.HAS_TARGET_NETWORK else online
     batch = _make_zeros(loss, network, spec)
     shapes = (), tuple(batch.shape), (*batch.shape, *network.values_shape)
-    try:
-        with torch.random.fork_rng(devices=[]):
-            result: Any = loss(online, target, batch)
-    except Exception as error:  # whatever the user's code raises
-        raise OutsideCodeError(
-            f"learner.algorithm={name} failed on a batch of zeros of shape {list(batch.shape)}: "
-            f"{type(error).__name__}: {error}"
-        ) from error
+    what = f"learner.algorithm={name} failed on a batch of zeros of shape {list(batch.shape)}"
+    with outside_call(what), torch.random.fork_rng(devices=[]):
+        result: Any = loss(online, target, batch)
     if not isinstance(result, LossResult):
         raise OutsideCodeError(
             f"learner.algorithm={name} returned {result!r:.80}, it must be a LossResult"

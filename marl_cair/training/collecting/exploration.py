@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from marl_cair.outside import OutsideCodeError
+from marl_cair.outside import OutsideCodeError, outside_call
 from marl_cair.policies.actor import MaskedEpsilonGreedy, masked_argmax
 from marl_cair.training.settings.exploration import EXPLORATIONS, ExplorationSettings
 
@@ -83,14 +83,10 @@ class _Checked(Exploration):
     def __call__(
         self, values: Tensor, action_mask: Tensor, generator: torch.Generator, frames: int
     ) -> Tensor:
-        try:
+        with outside_call(f"exploration.kind={self._name} failed"):
             actions = self._inner(values, action_mask, generator, frames)
             is_fit = actions.dtype == torch.int64 and actions.shape == values.shape[:1]
             is_fit = is_fit and bool(action_mask.gather(1, actions.unsqueeze(1)).all())
-        except Exception as error:  # whatever the user's code raises
-            raise OutsideCodeError(
-                f"exploration.kind={self._name} failed: {type(error).__name__}: {error}"
-            ) from error
         if not is_fit:
             raise OutsideCodeError(
                 f"exploration.kind={self._name} gave {actions.dtype} of shape "

@@ -8,7 +8,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_665,
+    "games": 21_695,
     "policies": 2_425,
     "replay": 2_290,
     "generative": 2_980,
@@ -17,11 +17,11 @@ MAX_LINES = {
     "training": 7_630,
     "experiments": 1_640,
     "viewer": 725,
-    "window": 2_675,
+    "window": 2_680,
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_340,
+    "cli": 4_350,
     "": 1_955,  # the modules that every part may import
 }
 

@@ -83,7 +83,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--record": {
         "default": "",
         "metavar": "FOLDER",
-        "help": "record the games that are played, each in a file that `marl-cair replay` reads "
+        "help": "record the games that are played, in files that `marl-cair replay` reads "
         "(default: none is recorded)",
     },
     "--allow-code": {

@@ -8,8 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from marl_cair.games.replays import REPLAY_SUFFIX, ReplayError, count_games
-from marl_cair.stored import LOG, read_text
+from marl_cair.games.replays import REPLAY_SUFFIX, count_games
+from marl_cair.stored import LOG, DamagedFileError, read_text
 from marl_cair.training.run_log import RunLog, parse_log
 from marl_cair.training.settings.config import GAMES_FOLDER
 from marl_cair.training.settings.config_file import CONFIG_FILE, read_yaml
@@ -118,7 +118,7 @@ def read_runs(readers: Iterable[RunReader]) -> dict[str, Any]:
 
 def list_files(folder: Path) -> dict[str, dict[str, float]]:
     """The files of a run by their kind in FILES, with their times of change, so that the page asks
-    again for one that was replaced. Of a file with several games each is one: FILE#0, FILE#1, ...
+    again for one that was replaced. Each game of a file with several has a name, as FILE#0.
     """
 
     def list_kind(place: str, suffixes: Sequence[str]) -> dict[str, float]:
@@ -135,8 +135,10 @@ def list_files(folder: Path) -> dict[str, dict[str, float]]:
 
 
 def _name_games(path: Path) -> list[str]:
-    """As `read_replay` takes them; that of a damaged file too, which says so where it is opened."""
-    with suppress(ReplayError, OSError):
+    """Names of the games of a file, for `read_replay`. A damaged file has one: opening it gives the
+    error.
+    """
+    with suppress(DamagedFileError, OSError):
         if (num_games := count_games(path)) > 1:
             return [f"{path.name}#{number}" for number in range(num_games)]
     return [path.name]

@@ -10,7 +10,7 @@ from torch.nn import functional
 MIN_SQUARED = 1e-30  # of a length: the gradient of `squash` is 0 at 0, not NaN
 MIN_PRESENCE = 1e-6  # avoids a division by 0 in cells without parts
 ROUTING_CHUNK_ROWS = 128  # 256 rows at once cost 2.5 times as much: new pages at every allocation
-ROUTING_PART = 1 << 20  # votes: one einsum over all, which copies them, costs 2 to 4 times as much
+ROUTING_VOTES = 1 << 20  # at once; an einsum over all copies them, for 2 to 4 times the time
 FIRST_VOTES = 0.1  # standard deviation of the weights of `DenseCapsules` before learning
 # Of the margin loss: least length of the true class, largest of others, weight of others.
 PRESENT, ABSENT, ABSENT_WEIGHT = 0.9, 0.1, 0.5
@@ -72,8 +72,7 @@ class DenseCapsules(nn.Module):
         agreement = torch.zeros_like(votes[..., 0])
         for _ in range(self.num_passes - 1):
             outputs = squash(sum_routed(votes, agreement.softmax(-1)))
-            parts = zip(split(votes), split(agreement, votes), strict=True)
-            for part, agreed in parts:
+            for part, agreed in zip(*split(votes, agreement), strict=True):
                 agreed.add_((part * outputs).sum(-1))
         return agreement.softmax(-1)
 
@@ -81,16 +80,19 @@ class DenseCapsules(nn.Module):
 def sum_routed(votes: Tensor, weights: Tensor) -> Tensor:
     """Votes [I, N, K, O], weights [I, N, K] -> weighted sums [N, K, O]."""
     total = votes.new_zeros(votes.shape[1:])
-    for part, weight in zip(split(votes), split(weights, votes), strict=True):
+    for part, weight in zip(*split(votes, weights), strict=True):
         total = total + (part * weight.unsqueeze(-1)).sum(0)
     return total
 
 
-def split(numbers: Tensor, like: Tensor | None = None) -> tuple[Tensor, ...]:
-    """Split the inputs [I, ...] into parts; one of `like`, by default `numbers`, fits the cache."""
-    votes = numbers if like is None else like
-    parts: tuple[Tensor, ...] = torch.split(numbers, max(1, ROUTING_PART // votes[0].numel()))
-    return parts
+def split(votes: Tensor, weights: Tensor) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+    """Votes [I, N, K, O] and weights [I, N, K] in parts of some inputs: ROUTING_VOTES numbers are
+    in the processor's cache when they are read again.
+    """
+    # A graph for other programs is of any batch size.
+    is_graph = torch.compiler.is_exporting()
+    size = len(votes) if is_graph else max(1, ROUTING_VOTES // max(1, votes[0].numel()))
+    return torch.split(votes, size), torch.split(weights, size)
 
 
 class CapsuleDecoder(nn.Module):

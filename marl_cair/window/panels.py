@@ -106,8 +106,11 @@ def show_values(pen: Pen, state: PanelState) -> None:
         values = state.moment.values[seat]
         legal = np.flatnonzero(np.isfinite(values))
         top = legal[np.argsort(-values[legal], kind="stable")][: MOST_BARS - 1]
-        pen.heading(f"action values of player {seat}")
+        is_sampled = getattr(state.session.agents[seat], "is_sampled", False)
+        pen.heading(f"action {'probabilities' if is_sampled else 'values'} of player {seat}")
         low, high = float(values[legal].min()), float(values[legal].max())
+        if is_sampled:
+            low, high = 0.0, 1.0
         for action in top.tolist():
             share = (float(values[action]) - low) / max(1e-9, high - low)
             name = state.session.spec.action_names[action].replace("_", " ")

@@ -1,15 +1,19 @@
 """`marl-cair explain` writes pictures, a film, and the agent's own numbers."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from benchmarks import _networks
+from marl_cair.checkpoint import load_network, save_agent
 from marl_cair.cli import main
 from marl_cair.cli.agent.explain import explain_game, read_discount
 from marl_cair.cli.agent.pictures import MAX_FRAMES
 from marl_cair.games.replays import replay_steps
 from marl_cair.league.agents.load import load_agent
+from marl_cair.policies import SAMPLED
 from marl_cair.policies.config import QNetworkConfig
 from tests.refusals import assert_refused
 from tests.viewer.recorded import record
@@ -122,6 +126,7 @@ def test_the_discount_is_that_of_the_run(agent, tmp_path):
     ("words", "message"),
     [
         (["deep_line_wars/rusher"], "has no action values"),
+        (["SAMPLED"], "has no action values: give the folder of a greedy checkpoint"),
         (["AGENT", "--steps", "0"], "--steps is 0, it must be 1 or more"),
         (["AGENT", "--gamma", "1.5"], "--gamma is 1.5, it must be in 0..1"),
         (["AGENT", "--replay", "REPLAY", "--seat", "2"], "--seat is 2, it must be in 0..1"),
@@ -139,7 +144,15 @@ def test_other_agents_and_numbers_are_refused(words, message, agent, capsys, tmp
     record(path, game="deep_line_wars", steps=1, scenario=SCENARIO, bots=("random", "random"))
     empty = tmp_path / "empty.replay"
     record(empty, game="deep_line_wars", steps=0, scenario=SCENARIO, bots=("random", "random"))
-    named = {"AGENT": agent, "REPLAY": str(path), "EMPTY": str(empty)}
+    sampled = tmp_path / "sampled"
+    network, about = load_network(agent)
+    save_agent(sampled, network, dataclasses.replace(about, plays=SAMPLED))
+    named = {
+        "AGENT": agent,
+        "SAMPLED": str(sampled),
+        "REPLAY": str(path),
+        "EMPTY": str(empty),
+    }
     words = [named.get(word, word) for word in words]
     assert_refused(capsys, message, "explain", *words, "--out", str(tmp_path / "why"))
     assert not (tmp_path / "why").exists()

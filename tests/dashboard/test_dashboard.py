@@ -14,10 +14,11 @@ from PIL import Image
 
 from marl_cair.cli import main
 from marl_cair.cli.compose import compose_config
-from marl_cair.dashboard.runs import RunReader
+from marl_cair.dashboard.runs import RunReader, list_files
 from marl_cair.dashboard.server import make_server, make_viewer, write_dashboard
 from marl_cair.games import make_engine
 from marl_cair.games.replays import ReplayWriter
+from marl_cair.stored import MAX_BYTES, REPLAY
 from marl_cair.training.run_log import format_rows, parse_log
 from marl_cair.training.settings.config_file import save_config
 from tests.chromium import (
@@ -257,6 +258,18 @@ def record_game(run, name="conv-0000", actions=(1, 2, 3), num_games=1):
             engine.step(played)
             writer.add(played)
     return path
+
+
+def test_damaged_games_are_listed_too(runs, monkeypatch):
+    record_game(runs["conv"], num_games=2)
+    (runs["conv"] / "games" / "foreign.replay").write_bytes(b"GIF8")
+    assert set(list_files(runs["conv"])["games"]) == {
+        "conv-0000.replay#0",
+        "conv-0000.replay#1",
+        "foreign.replay",
+    }
+    monkeypatch.setitem(MAX_BYTES, REPLAY, 100)
+    assert set(list_files(runs["conv"])["games"]) == {"conv-0000.replay", "foreign.replay"}
 
 
 @need_browser

@@ -8,6 +8,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from marl_cair.policies import capsule_layers
 from marl_cair.policies.capsule_layers import (
     DenseCapsules,
     EntityRouting,
@@ -144,8 +145,10 @@ def test_primary_capsules():
     check_gradients(layer, draw(1, 2, 5, 5, needs_gradient=True))
 
 
+@pytest.mark.parametrize("votes_at_once", [1, 70, 1 << 20])  # parts of 1, 4 and all 5 inputs
 @pytest.mark.parametrize("num_passes", [1, 2, 3])
-def test_dense_capsules(num_passes):
+def test_dense_capsules(num_passes, votes_at_once, monkeypatch):
+    monkeypatch.setattr(capsule_layers, "ROUTING_VOTES", votes_at_once)
     layer = DenseCapsules(5, 3, 4, 2, num_passes).double()
     nn.init.normal_(layer.weight)  # large votes: the passes differ
     capsules = draw(2, 5, 3)

@@ -1,6 +1,7 @@
 """Recorded games fill the replay buffer as demonstrations."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -54,6 +55,18 @@ def test_the_steps_of_a_player_are_demonstrations(tmp_path, games):
     assert not {one[replay.players.index("random")].tobytes() for one in steps[9:-1]} & seen
     assert rows["next", "done"].sum() == 4  # the time was up
     assert rows["next", "terminated"].sum() == 0
+
+
+def test_a_game_that_is_in_two_files_is_learned_once(tmp_path, games):
+    folder = tmp_path / "twice"
+    shutil.copytree(games, folder)
+    (path,) = folder.iterdir()
+    torn = path.read_bytes()[:-40]
+    path.with_name("a-torn.replay").write_bytes(torn)
+    path.with_name("z-torn.replay").write_bytes(torn)
+    run = TrainingRun(make(tmp_path, folder, "turtle"))
+    run.close()
+    assert len(run.replay.real.storage) == sum(len(one.actions) + 1 for one in read_all(games))
 
 
 def test_rewards_are_those_of_the_run(tmp_path, games):

@@ -11,13 +11,14 @@ export function makeReplay(game, seed, players, played, hash, winner) {
     format: "marl_cair replay", format_version: 2, game: game.name, rules_version: game.version,
     scenario: game.options, games: [{ map_seed: 0, players, extra: { played_in: "browser" } }],
   }).replace('"map_seed":0', `"map_seed":${BigInt(seed)}`); // numbers of JavaScript end at 2 ** 53
-  const gameAndCount = new Uint8Array(new Uint32Array([0, played.length]).buffer);
+  const count = new Uint8Array(new Uint32Array([played.length]).buffer);
+  const gameAndCount = [0, 0, 0, 0, ...count];
   const digest = Array.from({ length: HASH_BYTES }, (_, at) => parseInt(hash.slice(2 * at, 2 * at + 2), 16));
   return new Blob([
     `${text}\n`,
-    ...(played.length > 0 ? [record("s", store(packActions(played, game.actions.groups.length)))] : []),
     record("h", Uint8Array.from([...gameAndCount, ...digest])),
     record("e", Uint8Array.from([...gameAndCount, winner])),
+    ...(played.length > 0 ? [record("s", Uint8Array.from([...count, ...store(packActions(played, game.actions.groups.length))]))] : []),
   ]);
 }
 

@@ -88,8 +88,10 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(f"{game.name}: a seat chooses several actions per step in this scenario")
     load = shared.choose_load(options)
     agent = load(options.agent, game.name, scenario)
-    if not isinstance(agent, PolicyActor):
-        raise ValueError(f"{options.agent} has no action values: give the folder of a checkpoint")
+    if not isinstance(agent, PolicyActor) or agent.is_sampled:  # that one has probabilities
+        raise ValueError(
+            f"{options.agent} has no action values: give the folder of a greedy checkpoint"
+        )
     gamma, scale = read_discount(options.agent)
     gamma = gamma if options.gamma is None else options.gamma
     if not 0.0 <= gamma <= 1.0:

@@ -46,9 +46,14 @@ def run(arguments: Sequence[str]) -> int:
             f"--to is {options.to!r}: give a file that ends in {VIEWER}, .gif, .mp4 or {STATES}, "
             "or a new folder for pictures"
         )
-    if not any(Path(name).is_file() for name in (options.file, options.file.rpartition("#")[0])):
-        raise ValueError(f"{options.file} is no file: name a replay, as --record writes one")
-    if Path(options.file).is_file() and not options.to and count_games(options.file) > 1:
+    file, _, number = options.file.rpartition("#")
+    if not Path(options.file).is_file() and not (Path(file).is_file() and number.isdecimal()):
+        raise ValueError(
+            f"{options.file} is no file: name a replay, as --record writes one, or FILE#3 for its "
+            "game 3"
+        )
+    is_listed = not (options.to or options.agents or options.player is not None)
+    if is_listed and Path(options.file).is_file() and count_games(options.file) > 1:
         for number, replay in enumerate(read_replays(options.file)):
             line = f"{options.file}#{number}: {describe_result(replay)}"
             sys.stdout.write(f"{clean_text(line)}\n")
@@ -105,7 +110,10 @@ def describe_replay(replay: Replay) -> str:
     lines += [f"{name}: {value}" for name, value in replay.extra.items()]
     for _ in replay_steps(replay):
         pass
-    lines.append(f"played again: it is the same (recorded states: {len(replay.hashes)})")
+    if replay.hashes:
+        lines.append(f"played again: it is the same (recorded states: {len(replay.hashes)})")
+    else:
+        lines.append("not compared: the recording was cut off before its first hash of a state")
     return "".join(f"{clean_text(line)}\n" for line in lines)
 
 

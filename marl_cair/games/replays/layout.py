@@ -2,15 +2,16 @@
 
 kind 1 byte | bytes of the payload u32 | CRC-32 of the rest u32 | payload
 
-A file holds the games that begin together on one engine, one or many.
+A file holds the games that begin together on one engine, one or many. Hashes and ends come before
+the steps in which they are: where a tear parts them, the game counts as cut off.
 
-s  steps: the next bytes of one deflate stream, game after game. A step of a game is the actions of
-   all seats, in the smallest unsigned type, then the values of viewers, float16, in the order of
-   their names
+s  number of steps so far u32 | the next bytes of one deflate stream: the new steps, game after
+   game. A step of a game is the actions of all seats, in the smallest unsigned type, then the
+   values of viewers, float16, in the order of their names
 v  names and shapes of these values, as JSON
 h  game u32 | number of steps so far u32 | hash of the state after them
-e  the end of a game: its number u32 | its number of steps u32 | its winner i8, -1 for none. Later
-   steps are not its own
+e  the end of a game: its number u32 | its number of steps u32 | its winner i8, -1 for none. Steps
+   after it do not belong to the game
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ REPLAY_SUFFIX = ".replay"
 FORMAT, FORMAT_VERSION = "marl_cair replay", 2
 STEPS, VALUES, HASH, END = b"s", b"v", b"h", b"e"
 HASH_BYTES = 8
+COUNTED = struct.Struct("<I")
 ENDED = struct.Struct("<IIb")
 HASHED = struct.Struct(f"<II{HASH_BYTES}s")
 _FRAME = struct.Struct("<cII")

@@ -19,9 +19,10 @@ from marl_cair.games.registry import GAMES
 from marl_cair.games.replays import layout
 from marl_cair.games.replays.replay import Replay, ReplayError
 from marl_cair.lookup import UnknownNameError, find_by_name
+from marl_cair.memory import require_memory
 from marl_cair.stored import REPLAY, open_stored
 
-MAX_GAMES_BYTES = 512 << 20  # of all steps that are read, as they are held
+MAX_GAME_BYTES = 512 << 20  # of all steps of one game
 
 
 def read_replay(path: str | os.PathLike[str]) -> Replay:
@@ -60,10 +61,15 @@ def is_whole(path: str | os.PathLike[str]) -> bool:
     """
     head, body = _read_parts(path)
     try:
-        kinds = [kind for kind, _ in layout.list_records(body)]
-    except ValueError as error:
+        records = list(layout.list_records(body))
+        ends = [layout.ENDED.unpack(load) for kind, load in records if kind == layout.END]
+        counts = [
+            layout.COUNTED.unpack_from(load)[0] for kind, load in records if kind == layout.STEPS
+        ]
+    except (ValueError, struct.error) as error:
         raise _damaged(path, _describe(error)) from error
-    return kinds.count(layout.END) == len(head["games"])
+    ended = {game for game, steps, _ in ends if steps <= max(counts, default=0)}
+    return ended == set(range(len(head["games"])))
 
 
 def _read_games(path: str | os.PathLike[str], chosen: int | slice | None) -> list[Replay]:
@@ -96,8 +102,13 @@ def _read_games(path: str | os.PathLike[str], chosen: int | slice | None) -> lis
     try:
         for kind, payload in layout.list_records(body):
             records.read(kind, payload)
-        played = records.unpack()
+        records.check_ends()
     except (ValueError, KeyError, TypeError, AttributeError, zlib.error, struct.error) as error:
+        raise _damaged(path, _describe(error)) from error
+    require_memory(f"the games of {path}", records.count_bytes())
+    try:
+        played = records.unpack()
+    except ValueError as error:
         raise _damaged(path, _describe(error)) from error
     return [
         Replay(
@@ -168,14 +179,13 @@ class _Records:
         self._inflate = zlib.decompressobj()
         self._step = layout.step_type(spec, {})
         self._steps: list[NDArray[Any]] = []  # [games, steps]
+        self._num_steps = 0
         self._lengths: dict[int, int] = {}
         self.hashes: list[dict[int, bytes]] = [{} for _ in range(num_games)]
         self.winners: dict[int, int | None] = {}  # of the games that have ended
 
     def read(self, kind: bytes, payload: bytes) -> None:
         """Read one record. Raises ValueError and others, for what no writer writes."""
-        if len(self.winners) == self._num_games:
-            raise ValueError("there are records after its end")
         if kind == layout.STEPS:
             self._read_steps(payload)
         elif kind == layout.VALUES and not self._steps:
@@ -192,21 +202,25 @@ class _Records:
             raise ValueError(f"it has a record of the kind {kind!r}")
 
     def _read_steps(self, payload: bytes) -> None:
-        held = sum(steps.nbytes for steps in self._steps)
-        raw = self._inflate.decompress(payload, MAX_GAMES_BYTES - held)
-        if self._inflate.unconsumed_tail:
-            raise ValueError(f"its steps have more than {MAX_GAMES_BYTES >> 20} MiB")
+        most = MAX_GAME_BYTES * self._num_games
+        held = self._num_steps * self._num_games * self._step.itemsize
+        raw = self._inflate.decompress(payload[layout.COUNTED.size :], most + 1 - held)
+        if held + len(raw) > most:
+            raise ValueError(f"its games have more than {MAX_GAME_BYTES >> 20} MiB of steps each")
         if len(raw) % (self._num_games * self._step.itemsize):
             raise ValueError("its last step is not whole")
         steps = np.frombuffer(raw, self._step).reshape(self._num_games, -1)
         self._steps.append(steps[self._chosen].copy())
+        self._num_steps += steps.shape[1]
+        if self._num_steps != layout.COUNTED.unpack_from(payload)[0]:
+            raise ValueError(f"it has {self._num_steps} steps in place of those that it counts")
 
     def _read_end(self, game: int, steps: int, winner: int) -> None:
         self._check_game(game)
         if winner not in range(NO_WINNER, self._spec.num_players):
             raise ValueError(f"its winner is {winner}")
-        if steps > sum(part.shape[1] for part in self._steps):
-            raise ValueError(f"a game ends after {steps} steps")
+        if steps not in self.hashes[game]:
+            raise ValueError(f"game {game} ends after {steps} steps without a hash of the state")
         self.winners[game] = None if winner == NO_WINNER else winner
         self._lengths[game] = steps
 
@@ -214,6 +228,20 @@ class _Records:
         if game not in range(self._num_games) or game in self.winners:
             raise ValueError(f"a record is of game {game}")
         return game
+
+    def check_ends(self) -> None:
+        """Forget ends and hashes of steps that the file does not hold any more."""
+        for game, steps in list(self._lengths.items()):
+            if steps > self._num_steps:
+                del self._lengths[game], self.winners[game]
+        for hashes in self.hashes:
+            for step in [one for one in hashes if one > self._num_steps]:
+                del hashes[step]
+
+    def count_bytes(self) -> int:
+        """Of the chosen games as they are unpacked."""
+        held = sum(steps.nbytes for steps in self._steps)
+        return held + held * 4 // self._step["actions"].base.itemsize
 
     def unpack(self) -> list[tuple[NDArray[np.int32], dict[str, NDArray[np.float16]] | None]]:
         """Of each chosen game, the actions int32 [T, P, *action_shape], and the values

@@ -83,7 +83,7 @@ class ReplayWriter:
         self._shapes: dict[str, tuple[int, ...]] | None = None  # of values, from the first step on
         self._is_open = np.ones(num_games, np.bool_)
         self._deflate = zlib.compressobj(1)
-        self._records = bytearray()  # hashes and ends, to be written after the steps before them
+        self._records = bytearray()  # hashes and ends of the steps that are held
         self._steps = self._held = 0  # in all, and of those in `_held_steps`
         self._declare(layout.step_type(spec, {}))
         self._flushed = time.monotonic()
@@ -190,14 +190,14 @@ class ReplayWriter:
             )
 
     def _write_steps(self) -> None:
-        """Write the steps since the last time, and the hashes and ends in them."""
-        if self._held:
-            packed = self._deflate.compress(self._held_steps[:, : self._held].tobytes())
+        """Write the steps since the last time, after the hashes and ends in them."""
+        held, self._held = self._held_steps[:, : self._held], 0
+        records, self._records = self._records, bytearray()  # nothing is written a second time
+        if held.size:
+            packed = self._deflate.compress(held.tobytes())
             packed += self._deflate.flush(zlib.Z_SYNC_FLUSH)
-            self._file.write(layout.pack_record(layout.STEPS, packed))
-            self._held = 0
-        self._file.write(self._records)
-        self._records.clear()
+            records += layout.pack_record(layout.STEPS, layout.COUNTED.pack(self._steps) + packed)
+        self._file.write(records)
 
     def _end(self, game: int, winner: int | None) -> None:
         """End a game now, with this winner or the engine's."""
@@ -223,7 +223,9 @@ def write_replay(path: str | os.PathLike[str], replay: Replay) -> None:
     seeds, players, extras = [replay.map_seed], [replay.players], [replay.extra]
     engine = next(steps)
     with ReplayWriter(path, engine, map_seeds=seeds, players=players, extras=extras) as writer:
+        winner = NO_WINNER if replay.winner is None else replay.winner
         for step, _ in enumerate(steps):
             values = {name: numbers[None, step] for name, numbers in (replay.values or {}).items()}
-            writer.add(replay.actions[None, step], values)
-        writer.close(NO_WINNER if replay.winner is None else replay.winner)
+            ended = {0: winner} if step == len(replay.actions) - 1 else None
+            writer.add(replay.actions[None, step], values, ended)
+        writer.close(winner)

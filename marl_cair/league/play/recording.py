@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import math
 import re
@@ -27,7 +26,8 @@ _MOST_LETTERS = 80  # of the players in a file's name
 class Recording(NamedTuple):
     """Where games are recorded.
 
-    folder: of the files, one for the games that are played at once; one that is there is replaced.
+    folder: of the files, one for the games that are played at once; a file of the same games is
+        replaced.
     names: of the entries of the line-up.
     num_blocks: only games of the first blocks; None: all.
     """
@@ -96,7 +96,7 @@ def _open_file(
     players = _name_players(record, engine, chunks)
     letters = "-v-".join(re.sub(r"[^\w.]+", "_", name).strip("_") for name in record.names)
     # Other agents and scenarios may have names as these in the same folder.
-    about = f"{dataclasses.asdict(engine.scenario)} {seeds[worlds].tolist()} {players}"
+    about = f"{engine.game.version} {engine.scenario} {seeds[worlds].tolist()} {players}"
     digest = hashlib.sha256(about.encode()).hexdigest()[:8]
     name = f"{letters[:_MOST_LETTERS]}-{blocks[worlds[0]]:04}-{digest}{REPLAY_SUFFIX}"
     return ReplayWriter(

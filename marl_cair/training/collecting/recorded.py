@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from marl_cair.games.replays import REPLAY_SUFFIX, Replay, read_replays, replay_steps
+from marl_cair.games.replays import REPLAY_SUFFIX, Replay, ReplayError, read_replays, replay_steps
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.storage import EpisodeStorage
 from marl_cair.replay.transition import NO_OPPONENT, UNKNOWN_ACTION, TransitionSpec
@@ -40,8 +39,8 @@ def fill_from_replays(
     """
     source, players = settings.replays or "", settings.players
     seen: set[str] = set()
-    for path, replay in _list_games(source):
-        fitted = _fit_scenario(path, replay, engine)
+    for name, replay in _list_games(source).items():
+        fitted = _fit_scenario(name, replay, engine)
         seats = _find_seats(replay, players)
         seen |= set(replay.players)
         if seats:
@@ -61,7 +60,8 @@ def fill_from_replays(
         )
 
 
-def _list_games(source: str | os.PathLike[str]) -> Iterator[tuple[Path, Replay]]:
+def _list_games(source: str) -> dict[str, Replay]:
+    """All games by FILE#NUMBER; of those that are there twice, as after a torn file, the longer."""
     place = Path(source)
     files = sorted(place.rglob(f"*{REPLAY_SUFFIX}")) if place.is_dir() else [place]
     if not files:
@@ -69,19 +69,26 @@ def _list_games(source: str | os.PathLike[str]) -> Iterator[tuple[Path, Replay]]
             f"demonstration.replays is {source}, a folder without replays (*{REPLAY_SUFFIX}): "
             "`marl-cair match ... --record FOLDER` writes some"
         )
+    held: dict[tuple[Any, ...], tuple[str, Replay]] = {}
     for path in files:
-        for replay in read_replays(path):
-            yield path, replay
+        for number, replay in enumerate(read_replays(path)):
+            key = replay.game, repr(replay.scenario), replay.map_seed, replay.players
+            if key not in held or len(replay.actions) > len(held[key][1].actions):
+                held[key] = f"{path}#{number}", replay
+    return dict(held.values())
 
 
-def _fit_scenario(path: Path, replay: Replay, engine: BatchedEngine) -> Replay:
+def _fit_scenario(name: str, replay: Replay, engine: BatchedEngine) -> Replay:
     """The replay with the rewards of the engine's scenario, without hashes: they hold rewards."""
     if replay.game != engine.game.name:
-        raise ValueError(f"{path} is a game of {replay.game}, the run plays {engine.game.name}")
+        raise ValueError(f"{name} is a game of {replay.game}, the run plays {engine.game.name}")
     if differing := list_differences(vars(replay.scenario), engine.scenario, REWARD_FIELDS):
-        raise ValueError(f"{path} is a game of another scenario: {differing}")
-    for _ in replay_steps(replay):
-        pass  # raises where the game differs from the recorded one
+        raise ValueError(f"{name} is a game of another scenario: {differing}")
+    try:
+        for _ in replay_steps(replay):
+            pass
+    except ReplayError as error:
+        raise ReplayError(f"{name}: {error}") from error
     return dataclasses.replace(replay, scenario=engine.scenario, hashes={})
 
 

@@ -50,7 +50,9 @@ def test_the_games_of_a_file_are_listed(games, tmp_path, capsys):
     ]
     out = str(tmp_path / "a.gif")
     assert_refused(capsys, "holds 2 games: name one, ", "replay", str(path), "--to", out)
+    assert_refused(capsys, "holds 2 games: name one, ", "replay", str(path), "--player", "1")
     assert_refused(capsys, "has no game 2, only 0..1", "replay", f"{path}#2")
+    assert_refused(capsys, "#x is no file: name a replay", "replay", f"{path}#x")
 
 
 def test_a_replay_is_printed(file, capsys):

@@ -100,24 +100,31 @@ def test_a_replay_of_other_rules_is_refused_with_both_versions(path):
 
 
 def deflate(content):
-    return zlib.compress(content)
+    """Of one step, as a payload."""
+    return layout.COUNTED.pack(1) + zlib.compress(content)
+
+
+HASH_AT_0 = layout.HASH, layout.HASHED.pack(0, 0, bytes(8))
+END_AT_0 = layout.END, layout.ENDED.pack(0, 0, -1)
 
 
 @pytest.mark.parametrize(
     ("records", "message"),
     [
         ([(b"x", b"")], "a record of the kind b'x'"),
-        ([(layout.STEPS, b"no stream")], "error: Error -3"),
+        ([(layout.STEPS, b"\1\0\0\0no stream")], "error: Error -3"),
+        ([(layout.STEPS, b"")], "unpack_from requires"),
         ([(layout.STEPS, deflate(bytes(3)))], "its last step is not whole"),
-        ([(layout.STEPS, deflate(b"\xff" * 4))], r"an action is \d+ of \d+"),
+        ([(layout.STEPS, deflate(bytes(4)))], "it has 2 steps in place of those that it counts"),
+        ([(layout.STEPS, deflate(b"\xff" * 2))], r"an action is \d+ of \d+"),
         ([(layout.HASH, b"short")], "unpack requires"),
         ([(layout.HASH, layout.HASHED.pack(1, 0, bytes(8)))], "a record is of game 1"),
         ([(layout.END, b"short")], "unpack requires"),
         ([(layout.END, layout.ENDED.pack(1, 0, 0))], "a record is of game 1"),
         ([(layout.END, layout.ENDED.pack(0, 0, 2))], "its winner is 2"),
         ([(layout.END, layout.ENDED.pack(0, 0, -2))], "its winner is -2"),
-        ([(layout.END, layout.ENDED.pack(0, 1, 0))], "a game ends after 1 steps"),
-        ([(layout.END, layout.ENDED.pack(0, 0, 0))] * 2, "records after its end"),
+        ([(layout.END, layout.ENDED.pack(0, 1, 0))], "game 0 ends after 1 steps without a hash"),
+        ([HASH_AT_0, END_AT_0, END_AT_0], "a record is of game 0"),
         ([(layout.VALUES, b"[]")], "AttributeError"),
         ([(layout.VALUES, b'{"q": [-1]}')], ""),
         ([(layout.VALUES, b'{"q": [9999999999]}')], ""),
@@ -130,9 +137,9 @@ def test_records_that_no_writer_writes_are_refused(path, records, message):
 
 
 def test_a_stream_that_expands_beyond_the_limit_is_refused(path, monkeypatch):
-    monkeypatch.setattr(reader, "MAX_GAMES_BYTES", 1 << 20)
+    monkeypatch.setattr(reader, "MAX_GAME_BYTES", 1 << 20)
     replace_records(path, (layout.STEPS, deflate(bytes(3 << 20))))
-    with pytest.raises(ReplayError, match="its steps have more than 1 MiB"):
+    with pytest.raises(ReplayError, match="its games have more than 1 MiB of steps each"):
         read_replay(path)
 
 

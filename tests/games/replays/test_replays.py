@@ -24,6 +24,7 @@ from marl_cair.games.replays import (
     write_replay,
     writer,
 )
+from marl_cair.games.replays.reader import is_whole
 from tests.games.cases import CASES, IN_PROCESS, Luck, choose_actions
 
 MOST_STEPS = 40
@@ -82,9 +83,10 @@ def test_any_recorded_game_is_played_again(
     assert replay.rules_version == GAMES[name].version
     assert replay.scenario == engine.scenario
     assert replay.is_complete
-    over = engine.terminated[0] | engine.truncated[0]
-    assert len(replay.actions) == num_steps or over
-    assert max(replay.hashes) == len(replay.actions)
+    over = [bool(one["outcome.terminated"][0] | one["outcome.truncated"][0]) for one in states]
+    length = over.index(True) if True in over else num_steps
+    assert len(replay.actions) == length
+    assert max(replay.hashes) == length
     assert_same(states, replay)
 
 
@@ -231,6 +233,7 @@ def test_a_file_holds_the_games_of_a_batch(tmp_path, worlds):
                     ended.setdefault(world, (step + 1, hash_state(engine, world)))
                 recorder.add(actions[chosen])
     assert count_games(path) == len(chosen)
+    assert is_whole(path)
     replays = read_replays(path)
     for game, world in enumerate(chosen):
         steps, state = ended[world]
@@ -248,6 +251,50 @@ def test_a_file_holds_the_games_of_a_batch(tmp_path, worlds):
             read_replay(path)
 
 
+def test_a_file_of_several_games_is_read_up_to_a_tear(tmp_path):
+    """A game is whole, or cut off: its steps and its state are its own."""
+    engine = make_engine("deep_maze", "7x7-full_deterministic", num_worlds=3, max_ticks=5)
+    seeds = np.array([7, 8, 9], np.uint64)
+    engine.reset(seeds)
+    path, torn = tmp_path / "a.replay", tmp_path / "torn.replay"
+    with ReplayWriter(path, engine, map_seeds=seeds.tolist(), players=[["a"]] * 3) as recorder:
+        for step, numbers in enumerate(Luck.draw(5, 3, 1).numbers):
+            actions = choose_actions(engine, numbers)
+            engine.step(actions)
+            recorder.add(actions, winners={1: 0} if step == 2 else None)  # forfeited
+            if step % 2:
+                recorder.flush()
+    content, whole = path.read_bytes(), read_replays(path)
+    assert [len(one.actions) for one in whole] == [5, 3, 5]
+    assert whole[1].winner == 0
+    for size in range(content.index(b"\n") + 1, len(content)):
+        torn.write_bytes(content[:size])
+        found = read_replays(torn)
+        assert is_whole(torn) == all(one.is_complete for one in found)
+        for replay, other in zip(found, whole, strict=True):
+            if replay.is_complete:
+                np.testing.assert_array_equal(replay.actions, other.actions)
+            elif len(replay.actions) <= len(other.actions):
+                cut = other.actions[: len(replay.actions)]
+                np.testing.assert_array_equal(replay.actions, cut)
+            else:
+                raise AssertionError("a game has steps after its end")
+            for _ in replay_steps(replay):
+                pass
+    assert not is_whole(torn)
+
+
+def test_values_of_several_games_are_kept(tmp_path):
+    engine = make_engine("deep_maze", num_worlds=2)
+    engine.reset(np.array([7, 8], np.uint64))
+    path = tmp_path / "a.replay"
+    with ReplayWriter(path, engine, map_seeds=[7, 8], players=[["a"], ["b"]]) as recorder:
+        for step in range(3):
+            engine.step(np.zeros((2, 1), np.int32))
+            recorder.add(np.zeros((2, 1)), {"q": np.array([[step], [step + 0.5]])})
+    assert read_replay(f"{path}#1").values["q"].tolist() == [[0.5], [1.5], [2.5]]
+
+
 def test_a_winner_that_the_rules_do_not_name_is_kept(tmp_path):
     for winner in (None, 1):
         recorder = start(make_engine("deep_line_wars"), tmp_path / "a.replay", 3)
@@ -263,6 +310,9 @@ def test_a_replay_is_written_again_with_hashes(tmp_path):
     second = read_replay(tmp_path / "b.replay")
     assert second.hashes == first.hashes
     assert second.winner == 1
+    ended = dataclasses.replace(first, hashes={}, winner=1, actions=first.actions[:1])
+    write_replay(tmp_path / "c.replay", ended)
+    assert read_replay(tmp_path / "c.replay").winner == 1
     np.testing.assert_array_equal(second.actions, first.actions)
 
 

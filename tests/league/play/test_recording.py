@@ -34,7 +34,7 @@ def bots(scenario, *names):
     return [LINES.bot(name, scenario) for name in names]
 
 
-def test_each_game_of_a_match_has_a_file(scenario, tmp_path):
+def test_each_game_of_a_match_is_recorded(scenario, tmp_path):
     agents = bots(scenario, "random", "turtle")
     record = Recording(tmp_path, ("runs/a/latest", "turtle"))
     match = play_match(*agents, LINES, scenario, 6, 3, record=record)

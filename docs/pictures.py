@@ -127,10 +127,10 @@ FILMS = {
     "deep_rts": (Film(Scene("1v1-15x15", ("mixed", "turtle"), 500, seed=1), (range(500),)),),
     "flash": (
         Film(
-            Scene("multitask", ("juggler",), 1_000),
+            Scene("multitask", ("agents/flash_multitask",), 1_000, seed=2),
             (range(50), range(190, 240), range(560, 620), range(930, 1_000)),
         ),
-        Film(Scene("duel", ("duelist", "random"), 300, seed=2), (range(300),)),
+        Film(Scene("duel", ("agents/flash_duel", "duelist"), 300, seed=2), (range(300),)),
     ),
 }
 
@@ -138,7 +138,7 @@ FILMS = {
 def play(scene: Scene, game: str) -> Iterator[BatchedEngine]:
     """The scene's world after each of its decisions, up to its end."""
     engine = make_engine(game, scene.scenario)
-    agents = [engine.game.bot(name, engine.scenario) for name in scene.bots]
+    agents = [load_agent(name, game, engine.scenario) for name in scene.bots]
     for seat, agent in enumerate(agents):
         agent.seed(seat)
     engine.reset(scene.seed)

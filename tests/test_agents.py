@@ -27,6 +27,7 @@ BOTS = {"flash_duel": ("duelist",)}  # others play them all
 # Games alone: how many, options, a number of each game and its least mean, as above.
 ALONE = {
     "deep_maze_9x9": (200, {}, "solved", 0.97),  # 100 %
+    "flash_multitask": (16, {}, "score", 900.0),  # 1,798; random play has 58
     "flappy_bird": (24, {"max_ticks": 6_000}, "pipes_passed", 80.0),  # 116
 }
 
@@ -96,6 +97,8 @@ def test_it_plays_as_well_as_the_page_says(name):
 @pytest.mark.parametrize("name", ALONE)
 def test_alone_it_plays_as_well_as_the_page_says(name):
     num_games, options, number, least = ALONE[name]
+    if name == "flash_multitask":
+        need_flash()
     about = read_description(AGENTS / name)
     game = GAMES[about.game]
     scenario = game.scenario(about.scenario, **{**about.scenario_options, **options})

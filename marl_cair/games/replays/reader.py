@@ -19,10 +19,10 @@ from marl_cair.games.registry import GAMES
 from marl_cair.games.replays import layout
 from marl_cair.games.replays.replay import Replay, ReplayError
 from marl_cair.lookup import UnknownNameError, find_by_name
-from marl_cair.memory import require_memory
+from marl_cair.memory import NotEnoughMemoryError, require_memory
 from marl_cair.stored import REPLAY, open_stored
 
-MAX_GAME_BYTES = 512 << 20  # of all steps of one game
+MAX_GAME_BYTES = 512 << 20  # of all steps of one game, and of those in one record
 
 
 def read_replay(path: str | os.PathLike[str]) -> Replay:
@@ -102,13 +102,12 @@ def _read_games(path: str | os.PathLike[str], chosen: int | slice | None) -> lis
     try:
         for kind, payload in layout.list_records(body):
             records.read(kind, payload)
+            require_memory(f"the games of {path}", records.num_bytes)
         records.check_ends()
-    except (ValueError, KeyError, TypeError, AttributeError, zlib.error, struct.error) as error:
-        raise _damaged(path, _describe(error)) from error
-    require_memory(f"the games of {path}", records.count_bytes())
-    try:
         played = records.unpack()
-    except ValueError as error:
+    except NotEnoughMemoryError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError, zlib.error, struct.error) as error:
         raise _damaged(path, _describe(error)) from error
     return [
         Replay(
@@ -180,6 +179,7 @@ class _Records:
         self._step = layout.step_type(spec, {})
         self._steps: list[NDArray[Any]] = []  # [games, steps]
         self._num_steps = 0
+        self.num_bytes = 0  # as they are unpacked
         self._lengths: dict[int, int] = {}
         self.hashes: list[dict[int, bytes]] = [{} for _ in range(num_games)]
         self.winners: dict[int, int | None] = {}  # of the games that have ended
@@ -202,16 +202,17 @@ class _Records:
             raise ValueError(f"it has a record of the kind {kind!r}")
 
     def _read_steps(self, payload: bytes) -> None:
-        most = MAX_GAME_BYTES * self._num_games
-        held = self._num_steps * self._num_games * self._step.itemsize
-        raw = self._inflate.decompress(payload[layout.COUNTED.size :], most + 1 - held)
-        if held + len(raw) > most:
-            raise ValueError(f"its games have more than {MAX_GAME_BYTES >> 20} MiB of steps each")
+        raw = self._inflate.decompress(payload[layout.COUNTED.size :], MAX_GAME_BYTES + 1)
+        most = MAX_GAME_BYTES // self._step.itemsize
+        if len(raw) > MAX_GAME_BYTES or self._num_steps > most:
+            raise ValueError(f"a game has more than {MAX_GAME_BYTES >> 20} MiB of steps")
         if len(raw) % (self._num_games * self._step.itemsize):
             raise ValueError("its last step is not whole")
         steps = np.frombuffer(raw, self._step).reshape(self._num_games, -1)
         self._steps.append(steps[self._chosen].copy())
         self._num_steps += steps.shape[1]
+        actions = self._step["actions"].base
+        self.num_bytes += self._steps[-1].nbytes * (actions.itemsize + 4) // actions.itemsize
         if self._num_steps != layout.COUNTED.unpack_from(payload)[0]:
             raise ValueError(f"it has {self._num_steps} steps in place of those that it counts")
 
@@ -237,11 +238,6 @@ class _Records:
         for hashes in self.hashes:
             for step in [one for one in hashes if one > self._num_steps]:
                 del hashes[step]
-
-    def count_bytes(self) -> int:
-        """Of the chosen games as they are unpacked."""
-        held = sum(steps.nbytes for steps in self._steps)
-        return held + held * 4 // self._step["actions"].base.itemsize
 
     def unpack(self) -> list[tuple[NDArray[np.int32], dict[str, NDArray[np.float16]] | None]]:
         """Of each chosen game, the actions int32 [T, P, *action_shape], and the values

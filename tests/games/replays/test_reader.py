@@ -7,6 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
+from marl_cair import memory
 from marl_cair.games import make_engine
 from marl_cair.games.replays import (
     ReplayError,
@@ -16,6 +17,7 @@ from marl_cair.games.replays import (
     reader,
     replay_steps,
 )
+from marl_cair.memory import NotEnoughMemoryError
 from marl_cair.stored import MAX_BYTES, REPLAY, DamagedFileError
 
 
@@ -139,7 +141,13 @@ def test_records_that_no_writer_writes_are_refused(path, records, message):
 def test_a_stream_that_expands_beyond_the_limit_is_refused(path, monkeypatch):
     monkeypatch.setattr(reader, "MAX_GAME_BYTES", 1 << 20)
     replace_records(path, (layout.STEPS, deflate(bytes(3 << 20))))
-    with pytest.raises(ReplayError, match="its games have more than 1 MiB of steps each"):
+    with pytest.raises(ReplayError, match="a game has more than 1 MiB of steps"):
+        read_replay(path)
+
+
+def test_games_beyond_the_memory_are_refused(path, monkeypatch):
+    monkeypatch.setattr(memory, "total_memory", lambda: 19)
+    with pytest.raises(NotEnoughMemoryError, match=r"the games of .*a\.replay needs? \d+ bytes"):
         read_replay(path)
 
 

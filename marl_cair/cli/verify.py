@@ -35,9 +35,9 @@ def run(arguments: Sequence[str]) -> int:
     problems = {path: problem for path, problem in found.items() if problem}
     for path, problem in problems.items():
         sys.stdout.write(f"{path}: {problem}\n")
-    if not any(folder.rglob(MANIFEST_FILE)):
-        sys.stdout.write(f"{folder}: no manifest, an older version wrote it\n")
     counts = Counter(found.values())
+    if {path.suffix for path in found} != {".replay"} and not any(folder.rglob(MANIFEST_FILE)):
+        sys.stdout.write(f"{folder}: no manifest, an older version wrote it\n")
     sys.stdout.write(
         f"{counts['']} files are sound, {len(problems)} are damaged, "
         f"{counts[None]} have no checksum\n"

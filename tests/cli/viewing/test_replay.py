@@ -166,6 +166,7 @@ def test_replays_are_verified(games, tmp_path, capsys):
     assert main(["verify", str(tmp_path)]) == 1
     text = capsys.readouterr().out
     assert "was cut off before its end" in text
+    assert "older version" not in text
     assert "1 files are sound, 1 are damaged" in text
 
 

@@ -97,9 +97,9 @@ def test_it_plays_as_well_as_the_page_says(name):
 @pytest.mark.parametrize("name", ALONE)
 def test_alone_it_plays_as_well_as_the_page_says(name):
     num_games, options, number, least = ALONE[name]
-    if name == "flash_multitask":
-        need_flash()
     about = read_description(AGENTS / name)
+    if about.game == "flash":
+        need_flash()
     game = GAMES[about.game]
     scenario = game.scenario(about.scenario, **{**about.scenario_options, **options})
     games = play_alone(load_agent(AGENTS / name), game, scenario, num_games, 0).results

@@ -72,7 +72,7 @@ class DenseCapsules(nn.Module):
         agreement = torch.zeros_like(votes[..., 0])
         for _ in range(self.num_passes - 1):
             outputs = squash(sum_routed(votes, agreement.softmax(-1)))
-            for part, agreed in zip(*split(votes, agreement), strict=True):
+            for part, agreed in zip(*split_votes(votes, agreement), strict=True):
                 agreed.add_((part * outputs).sum(-1))
         return agreement.softmax(-1)
 
@@ -80,12 +80,12 @@ class DenseCapsules(nn.Module):
 def sum_routed(votes: Tensor, weights: Tensor) -> Tensor:
     """Votes [I, N, K, O], weights [I, N, K] -> weighted sums [N, K, O]."""
     total = votes.new_zeros(votes.shape[1:])
-    for part, weight in zip(*split(votes, weights), strict=True):
+    for part, weight in zip(*split_votes(votes, weights), strict=True):
         total = total + (part * weight.unsqueeze(-1)).sum(0)
     return total
 
 
-def split(votes: Tensor, weights: Tensor) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
+def split_votes(votes: Tensor, weights: Tensor) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
     """Votes [I, N, K, O] and weights [I, N, K] in parts of some inputs: ROUTING_VOTES numbers are
     in the processor's cache when they are read again.
     """

@@ -19,13 +19,8 @@ from marl_cair.cli import EXIT_DONE
 from marl_cair.cli.parser import Parser, require_counts
 from marl_cair.files import atomic_path
 from marl_cair.games import GAMES
-from marl_cair.games.replays import (
-    Replay,
-    count_games,
-    read_replay,
-    read_replays,
-    replay_steps,
-)
+from marl_cair.games.replays import Replay, count_games, read_replay, read_replays, replay_steps
+from marl_cair.games.replays.reader import split_number
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.film import WRITERS, render_frames
 from marl_cair.memory import require_memory
@@ -46,16 +41,16 @@ def run(arguments: Sequence[str]) -> int:
             f"--to is {options.to!r}: give a file that ends in {VIEWER}, .gif, .mp4 or {STATES}, "
             "or a new folder for pictures"
         )
-    file, _, number = options.file.rpartition("#")
-    if not Path(options.file).is_file() and not (Path(file).is_file() and number.isdecimal()):
+    file, chosen = split_number(options.file)
+    if not Path(file).is_file():
         raise ValueError(
             f"{options.file} is no file: name a replay, as --record writes one, or FILE#3 for its "
             "game 3"
         )
     is_listed = not (options.to or options.agents or options.player is not None)
-    if is_listed and Path(options.file).is_file() and count_games(options.file) > 1:
-        for number, replay in enumerate(read_replays(options.file)):
-            line = f"{options.file}#{number}: {describe_result(replay)}"
+    if is_listed and chosen is None and count_games(file) > 1:
+        for number, replay in enumerate(read_replays(file)):
+            line = f"{file}#{number}: {describe_result(replay)}"
             sys.stdout.write(f"{clean_text(line)}\n")
         return EXIT_DONE
     replay = read_replay(options.file)

@@ -36,10 +36,16 @@ def read_replay(path: str | os.PathLike[str]) -> Replay:
             scenario that cannot be read, as one whose map file is missing.
         OSError: the file cannot be opened.
     """
-    file, mark, number = os.fspath(path).rpartition("#")
-    if not mark or not number.isdecimal() or Path(path).exists():
-        return _read_games(path, None)[0]
-    return _read_games(file, int(number))[0]
+    return _read_games(*split_number(path))[0]
+
+
+def split_number(path: str | os.PathLike[str]) -> tuple[str, int | None]:
+    """The file of `FILE#2` and the number of its game; None where the path ends without one."""
+    name = os.fspath(path)
+    file, mark, number = name.rpartition("#")
+    if not mark or not number.isdecimal() or Path(name).exists():
+        return name, None
+    return file, int(number)
 
 
 def read_replays(path: str | os.PathLike[str]) -> list[Replay]:
@@ -98,11 +104,10 @@ def _read_games(path: str | os.PathLike[str], chosen: int | slice | None) -> lis
     for one in head["games"]:
         if len(one["players"]) != spec.num_players:
             raise _damaged(path, f"it names {len(one['players'])} players, not {spec.num_players}")
-    records = _Records(spec, num_games, chosen)
+    records = _Records(os.fspath(path), spec, num_games, chosen)
     try:
         for kind, payload in layout.list_records(body):
             records.read(kind, payload)
-            require_memory(f"the games of {path}", records.num_bytes)
         records.check_ends()
         played = records.unpack()
     except NotEnoughMemoryError:
@@ -173,13 +178,13 @@ def _check_types(entries: dict[str, Any], **kinds: type) -> None:
 class _Records:
     """What the records of a file hold, so far; the steps of the chosen games alone."""
 
-    def __init__(self, spec: GameSpec, num_games: int, chosen: slice) -> None:
-        self._spec, self._num_games, self._chosen = spec, num_games, chosen
+    def __init__(self, name: str, spec: GameSpec, num_games: int, chosen: slice) -> None:
+        self._name, self._spec, self._num_games, self._chosen = name, spec, num_games, chosen
         self._inflate = zlib.decompressobj()
         self._step = layout.step_type(spec, {})
         self._steps: list[NDArray[Any]] = []  # [games, steps]
         self._num_steps = 0
-        self.num_bytes = 0  # as they are unpacked
+        self._num_bytes = 0  # as they are unpacked
         self._lengths: dict[int, int] = {}
         self.hashes: list[dict[int, bytes]] = [{} for _ in range(num_games)]
         self.winners: dict[int, int | None] = {}  # of the games that have ended
@@ -212,7 +217,9 @@ class _Records:
         self._steps.append(steps[self._chosen].copy())
         self._num_steps += steps.shape[1]
         actions = self._step["actions"].base
-        self.num_bytes += self._steps[-1].nbytes * (actions.itemsize + 4) // actions.itemsize
+        self._num_bytes += self._steps[-1].nbytes * (actions.itemsize + 4) // actions.itemsize
+        if self._num_bytes > MAX_GAME_BYTES:
+            require_memory(f"the games of {self._name}", self._num_bytes)
         if self._num_steps != layout.COUNTED.unpack_from(payload)[0]:
             raise ValueError(f"it has {self._num_steps} steps in place of those that it counts")
 

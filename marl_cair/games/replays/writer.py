@@ -124,8 +124,7 @@ class ReplayWriter:
             raise ValueError(f"actions have shape {chosen.shape}, the games' are {self._shape}")
         if not self._is_open.any():
             return
-        if self._shapes is None or values or self._shapes:
-            self._check_values(values or {})
+        self._check_values(values or {})
         step = self._held_steps[:, self._held]
         step["actions"] = chosen
         for name, numbers in (values or {}).items():

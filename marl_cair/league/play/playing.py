@@ -26,7 +26,6 @@ from marl_cair.league.play.standings import STILL_IN, rank_teams, share_points
 if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
 
-MOST_PLAYED_BYTES = 16 << 20  # of actions, before they reach the digests of games
 CHUNKS_AT_ONCE = 16  # on one engine, for speed: its worlds are independent
 
 
@@ -132,12 +131,10 @@ def play_out(
     shape = engine.num_worlds, engine.num_players
     digests = [hashlib.blake2b(digest_size=8) for _ in range(engine.num_worlds)]
     decisions = np.zeros(engine.num_worlds, np.int64)
-    played: list[NDArray[np.int32]] = []  # actions that are not in the digests yet
     returns = np.zeros(shape)
     out_since = np.full(shape, STILL_IN)
     forfeits: dict[tuple[int, int], str] = {}
     _add_boards(digests, engine, np.ones(engine.num_worlds, np.bool_))
-    num_steps = 0
     for step in play(engine, chunks, seatings, seed):
         if watch is not None:
             watch(step)
@@ -150,11 +147,8 @@ def play_out(
         decisions += running
         returns[running] += engine.rewards[running]
         forfeits |= given_up
-        num_steps += 1
-        played.append(actions)
-        if len(played) * actions.nbytes > MOST_PLAYED_BYTES:
-            _add_actions(digests, played, num_steps - decisions)
-    _add_actions(digests, played, num_steps - decisions)
+        for world in np.flatnonzero(running).tolist():
+            digests[world].update(actions[world].tobytes())
     winner = engine.winner.copy()
     forfeited = np.zeros((engine.num_worlds, int(teams.max()) + 1), np.bool_)
     reasons = [""] * engine.num_worlds
@@ -265,20 +259,6 @@ def _add_boards(digests: Sequence[Any], engine: BatchedEngine, which: NDArray[np
     boards = engine.observe(next(iter(engine.spec.representations)))
     for world in np.flatnonzero(which).tolist():
         digests[world].update(np.ascontiguousarray(boards[world]).tobytes())
-
-
-def _add_actions(
-    digests: Sequence[Any], played: list[NDArray[np.int32]], since_end: NDArray[np.int64]
-) -> None:
-    """Add each game's actions of these steps up to its end, and forget them; since_end [G]: steps
-    after it.
-    """
-    if not played:
-        return
-    steps = np.stack(played, 1)  # [G, T, P]: one long update for each game is quick
-    for world, own in enumerate((len(played) - since_end).clip(0).tolist()):
-        digests[world].update(steps[world, :own].tobytes())
-    played.clear()
 
 
 def _start_streams(seating: Seating, seed: int, chunks: Sequence[Chunk]) -> list[dict[str, Any]]:

@@ -60,7 +60,8 @@ def recording(
     if record is None or not len(worlds):
         yield None
         return
-    with _open_file(record, engine, chunks, worlds, seeds) as writer:
+    players = _name_players(record, engine, chunks)
+    with _open_file(record, engine, blocks, players, worlds, seeds) as writer:
 
         def note(step: Step) -> None:
             winners = {
@@ -85,15 +86,14 @@ def _find_survivor(engine: BatchedEngine, step: Step, world: int) -> int:
 def _open_file(
     record: Recording,
     engine: BatchedEngine,
-    chunks: Sequence[Chunk],
+    blocks: NDArray[np.int64],
+    players: list[list[str]],
     worlds: NDArray[np.int64],
     seeds: NDArray[np.uint64],
 ) -> ReplayWriter:
-    """The file of the games of these worlds."""
-    blocks = np.concatenate([chunk.blocks for chunk in chunks])
+    """The file of the games of these worlds; blocks [B] and players [B][P] are of all."""
     firsts, places = np.unique(blocks, return_index=True, return_inverse=True)[1:]
     turns = np.arange(len(blocks)) - firsts[places]
-    players = _name_players(record, engine, chunks)
     letters = "-v-".join(re.sub(r"[^\w.]+", "_", name).strip("_") for name in record.names)
     # Other agents and scenarios may have names as these in the same folder.
     about = f"{engine.game.version} {engine.scenario} {seeds[worlds].tolist()} {players}"

@@ -5,7 +5,6 @@ from PIL import Image
 
 from marl_cair.games.replays import replay_steps
 from marl_cair.league.agents.load import load_agent
-from marl_cair.league.play import playing
 from marl_cair.league.play.film import save_film
 from marl_cair.league.play.match import BLOCKS_PER_CHUNK, play_chunks, play_match, record_game
 from tests.league.players import GAME, save_network
@@ -30,15 +29,6 @@ def test_the_same_seed_gives_the_same_match(scenario):
     matches = [play("random", "rusher", scenario, 8) for _ in range(2)]
     assert matches[0] == matches[1]
     assert matches[0].distinct_games == 8
-
-
-@pytest.mark.parametrize("most_bytes", [0, 1_000])
-def test_digests_do_not_depend_on_how_many_steps_reach_them_at_once(
-    scenario, most_bytes, monkeypatch
-):
-    plain = play("random", "turtle", scenario, 8)
-    monkeypatch.setattr(playing, "MOST_PLAYED_BYTES", most_bytes)
-    assert play("random", "turtle", scenario, 8) == plain
 
 
 def test_another_seed_gives_another_match(scenario):

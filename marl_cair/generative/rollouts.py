@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import cast
+from typing import Protocol, cast
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.generator import Generator
+from marl_cair.policies.actor import masked_argmax
 from marl_cair.replay import transition
 from marl_cair.replay.buffer import EpisodeReplayBuffer
 from marl_cair.replay.transition import NEXT_DONE, NEXT_REWARD, STEPS_TO_NEXT_OBS
@@ -21,6 +22,15 @@ _FOLLOWING = (
     *(transition.NEXT_OBSERVATION, transition.NEXT_ACTION_MASK),
     *(transition.NEXT_TERMINATED, NEXT_DONE),
 )
+
+
+class Unroll(Protocol):
+    """Values of sequences by a network with memory (`QNetwork.unroll`)."""
+
+    def __call__(
+        self, observations: Tensor, state: Tensor, starts: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """[T, N, ...], [N, S] before them, bool [T, N] -> values [T, N, A], states [T, N, S]."""
 
 
 @dataclass(frozen=True)
@@ -128,3 +138,45 @@ class Rollouts:
             rows[STEPS_TO_NEXT_OBS][places] += 1
             places = places[~predicted[transition.NEXT_TERMINATED].squeeze(1)]
         return rows
+
+
+@torch.no_grad()
+def imagine_sequences(
+    generator: Generator, unroll: Unroll, rows: TensorDict, num_steps: int
+) -> TensorDict:
+    """Real sequences [N, T] whose last `num_steps` steps are generated, for networks with memory.
+
+    The real entries before them only give the state. The steps take the actions that `unroll`
+    values most, and a sequence stops at its end, and before a prediction that is rejected: of the
+    M returned, each has one generated step or more, and these alone are "learned".
+
+    rows: as `replay.sequences.read_sequences`; where the first of these steps is not "learned", a
+    sequence is left out. num_steps: 1..T - 1.
+    """
+    first = rows.shape[1] - 1 - num_steps
+    made = rows[rows["learned"][:, first]].clone()
+    if not len(made):
+        return made
+    alive, state = made["learned"][:, first].clone(), made["state"][:, 0]
+    made["learned"].fill_(False)
+    made["starts"][:, first + 1 :] = False
+    transition.mark_generated(made)
+    seen = made["observation"].transpose(0, 1)  # a view
+    if first:
+        state = unroll(seen[:first], state, made["starts"].T[:first])[1][-1]
+    for entry in range(first, first + num_steps):
+        now = slice(entry, entry + 1)
+        values, states = unroll(seen[now], state, made["starts"].T[now])
+        state, legal = states[-1], made["action_mask"][:, entry] | ~alive[:, None]
+        made["action"][:, entry] = masked_argmax(values[0], legal)
+        step = made[:, entry].select("observation", "action_mask", "action")
+        predicted, accepted = generator.predict(step)
+        made["learned"][:, entry] = alive = alive & accepted
+        made["reward"][:, entry] = predicted[NEXT_REWARD][:, 0].masked_fill(~alive, 0.0)
+        made["terminated"][:, entry] = ends = predicted[transition.NEXT_TERMINATED][:, 0] & alive
+        for key in ("observation", "action_mask"):
+            following = predicted["next", key]
+            known = alive.view(-1, *(1,) * (following.ndim - 1))
+            made[key][:, entry + 1] = torch.where(known, following, made[key][:, entry])
+        alive = alive & ~ends
+    return made[made["learned"].any(1)]

@@ -8,7 +8,8 @@ MOST_STEPS = 10_000  # largest n_steps of a return
 _MODULES = {
     "buffer": ("EpisodeReplayBuffer", "ReplayConfig", "make_replay_buffer"),
     "dataset": ("DatasetDescription", "TransitionDataset", "load_dataset"),
-    "mixed": ("GeneratedReplay", "MixedReplay"),
+    "generated": ("GeneratedReplay", "GeneratedSequences"),
+    "mixed": ("MixedReplay",),
     "rollout": ("Rollout",),
     "sampler": ("PrioritizedSampler", "UniformSampler"),
     "storage": ("EpisodeStorage",),

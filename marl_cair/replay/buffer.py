@@ -13,7 +13,7 @@ from marl_cair.replay.sampler import (
     PrioritizedSampler,
     Sampler,
     UniformSampler,
-    draw_uniformly,
+    draw_steps,
 )
 from marl_cair.replay.storage import EpisodeStorage
 from marl_cair.replay.transition import TransitionSpec
@@ -104,20 +104,20 @@ class EpisodeReplayBuffer:
         return batch
 
     def sample_steps(self, num_rows: int, num_steps: int = 1) -> TensorDict:
-        """Sample transitions [num_rows] of up to `num_steps` steps (1..n_steps) uniformly.
+        """Sample transitions [num_rows] of up to `num_steps` steps (1..n_steps) uniformly, also
+        where `sample` gives sequences.
 
-        Raises RuntimeError while no transition can be sampled.
+        Raises RuntimeError while nothing can be sampled.
         """
-        return self.read_steps(
-            draw_uniformly(self.storage, num_rows, self.sampler.generator), num_steps
-        )
+        draws = self.storage, num_rows, self.sampler.generator
+        return self.read_steps(draw_steps(*draws), num_steps)
 
     def read_steps(self, index: torch.Tensor, num_steps: int = 1) -> TensorDict:
         """Read transitions of up to `num_steps` steps (1..n_steps) that start at slots `index`
-        int64 [N]; slots that cannot be sampled are left out.
+        int64 [N]; slots that start none are left out.
         """
-        index = index[self.storage.is_sampleable(index)]
-        return self.storage.get(index, num_steps).set("index", index)
+        index = index[self.storage.has_next(index)]
+        return self.storage.get_transitions(index, num_steps).set("index", index)
 
     def update_priority(self, index: torch.Tensor, td_error: torch.Tensor, done: float) -> None:
         """Give the sampler the TD errors [N], of either sign, of slots `index` [N].

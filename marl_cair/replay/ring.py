@@ -307,18 +307,18 @@ def gather_transitions(
     """Fill `rows` with the transitions that start at slots `index` [N]; return NO_ENTRY.
 
     discounts [n] float64: gamma^0 .. gamma^(n-1). Rewards are summed in float64 in time order and
-    rounded once. If a slot cannot be sampled, returns its row instead; `rows` is then invalid.
+    rounded once. If a slot starts none, returns its row instead; `rows` is then invalid.
     """
     for n in range(index.shape[0]):
         first = index[n]
-        if first < 0 or first >= ring.successor.shape[0] or not ring.sampleable[first]:
+        if first < 0 or not is_followed(ring, first):
             return n
         last = first
         num_steps = 1
         total = float(ring.reward[first])
         while num_steps < discounts.shape[0] and not ring.done[last]:
             following = ring.successor[last]
-            if not ring.sampleable[following]:
+            if not is_followed(ring, following):
                 break
             last = following
             total += discounts[num_steps] * float(ring.reward[last])
@@ -335,6 +335,13 @@ def gather_transitions(
         observation, mask = rows.next_observation[n], rows.next_action_mask[n]
         read_entry(ring, ring.successor[last], observation, mask, board_bytes, num_cells)
     return NO_ENTRY
+
+
+@njit(cache=True, nogil=True)
+def is_followed(ring: Ring, slot: int) -> bool:
+    """Whether the slot holds a step whose next entry is stored: a transition of one step."""
+    size = min(ring.counters[NUM_WRITTEN], ring.successor.shape[0])
+    return bool(slot < size and ring.action[slot] != NO_ENTRY and ring.successor[slot] != NO_ENTRY)
 
 
 @njit(cache=True, nogil=True)

@@ -218,6 +218,18 @@ def draw_uniformly(
     return index
 
 
+def draw_steps(storage: EpisodeStorage, num_rows: int, generator: torch.Generator) -> torch.Tensor:
+    """Draw slots int64 [num_rows] that start a transition, each with the same chance.
+
+    Raises RuntimeError while nothing can be sampled.
+    """
+    if storage.sequence_steps == 1:
+        return draw_uniformly(storage, num_rows, generator)
+    require_sampleable(storage)
+    slots = storage.step_slots()
+    return slots[draw_integers(len(slots), num_rows, generator)]
+
+
 def restore_generator(generator: torch.Generator, saved: Mapping[str, Any]) -> None:
     """Continue from the state `generator` of `saved`. Raises ValueError for an invalid state."""
     own = generator.get_state().numpy()

@@ -21,6 +21,18 @@ STATE, STARTS, LEARNED, REWARD, TERMINATED = "state", "starts", "learned", "rewa
 _MAX_SHARE = 0.9  # of a sequence's largest TD error in its priority, beside the mean (R2D2's eta)
 
 
+def sequence_fields(spec: TransitionSpec) -> dict[str, tuple[torch.dtype, tuple[int, ...]]]:
+    """Dtype and shape of one entry of a sequence, by key; "state" is the same at all entries."""
+    fields = spec.fields()
+    one_step = ("observation", "action_mask", "action", "expert_action", "opponent")
+    return {
+        **{name: fields[name] for name in one_step},
+        REWARD: (torch.float32, ()),
+        **dict.fromkeys((TERMINATED, STARTS, LEARNED, "is_generated"), (torch.bool, ())),
+        STATE: (torch.float32, (spec.state_size,)),
+    }
+
+
 class Sequences(NamedTuple):
     """A batch of N sequences of T entries, which `gather_sequences` fills."""
 
@@ -89,6 +101,25 @@ def find_sequence_errors(td_error: torch.Tensor, learned: torch.Tensor) -> torch
     errors = td_error.abs().masked_fill(~learned, 0.0)
     mean = errors.sum(1) / learned.sum(1).clamp_min(1)
     return _MAX_SHARE * errors.amax(1) + (1.0 - _MAX_SHARE) * mean
+
+
+def check_sequences(rows: TensorDict, spec: TransitionSpec, num_entries: int) -> None:
+    """Raise ValueError unless `rows` [N, num_entries] are sequences as `spec` says, with legal
+    actions at all steps that are learned, of which the last entry is none.
+    """
+    if rows.batch_dims != 2 or rows.shape[1] != num_entries:
+        raise ValueError(
+            f"sequences have batch size {list(rows.batch_size)}, expected [N, {num_entries}]"
+        )
+    for key, (dtype, shape) in sequence_fields(spec).items():
+        value = rows.get(key, None)
+        if value is None:
+            raise ValueError(f"sequences lack {key!r}: give the keys of `read_sequences`")
+        transition.check_tensor(f"sequences[{key!r}]", value, dtype, (*rows.shape, *shape))
+    learned = rows[LEARNED]
+    if bool(learned[:, -1].any()):
+        raise ValueError("the last entry of a sequence is learned, but what follows is not known")
+    transition.check_actions(rows["action"][learned], rows["action_mask"][learned])
 
 
 @njit(cache=True, nogil=True)

@@ -160,6 +160,18 @@ class EpisodeStorage:
         """Whether each slot of `index` [N] int64 can be sampled now or later: bool [N]."""
         return torch.from_numpy(self._ring.state_row[index.numpy()] != NO_START)
 
+    def step_slots(self) -> torch.Tensor:
+        """All slots that start a transition, ascending, int64: not only those that can be sampled,
+        where sequences are.
+        """
+        return self.has_next(torch.arange(len(self))).nonzero()[:, 0]
+
+    def has_next(self, index: torch.Tensor) -> torch.Tensor:
+        """Whether each slot of `index` [N] int64, in 0..len - 1, starts a transition: bool [N]."""
+        slots, stored = index.numpy(), self._ring
+        is_step = stored.action[slots] != NO_ENTRY
+        return torch.from_numpy(is_step & (stored.successor[slots] != NO_ENTRY))
+
     def sampleable_slots(self) -> torch.Tensor:
         """All slots that can be sampled, ascending: int64 [num_sampleable]."""
         return torch.from_numpy(np.flatnonzero(self._ring.sampleable[: len(self)]))
@@ -190,18 +202,23 @@ class EpisodeStorage:
         """The next rollout follows no stored step: running games were given up."""
         self._streams = None
 
-    def get(self, index: torch.Tensor, num_steps: int | None = None) -> TensorDict:
-        """Return the transitions [N] that start at slots `index` int64 [N], or the sequences
-        (`sequences.read_sequences`).
+    def get(self, index: torch.Tensor) -> TensorDict:
+        """Return what is sampled: the transitions (`get_transitions`) or sequences
+        (`sequences.read_sequences`) that start at slots `index` int64 [N].
+        """
+        if self.sequence_steps > 1:
+            return sequences.read_sequences(self._ring, self.spec, index, self._window)
+        return self.get_transitions(index)
+
+    def get_transitions(self, index: torch.Tensor, num_steps: int | None = None) -> TensorDict:
+        """Return the transitions [N] that start at slots `index` int64 [N].
 
         num_steps: 1..n_steps (default).
         Keys, dtypes and shapes are those of `TransitionSpec.fields` without "index", which the
         buffer adds. The reward is the sum of gamma^k r_k over up to num_steps steps: fewer if the
         episode ends or its next steps are not stored yet; see "steps_to_next_obs".
-        Raises IndexError for a slot that cannot be sampled, ValueError for num_steps out of range.
+        Raises IndexError for a slot that starts none, ValueError for num_steps out of range.
         """
-        if self.sequence_steps > 1:
-            return sequences.read_sequences(self._ring, self.spec, index, self._window)
         if num_steps is not None and not 1 <= num_steps <= len(self._discounts):
             raise ValueError(f"num_steps is {num_steps}, expected 1..{len(self._discounts)}")
         slots = np.ascontiguousarray(index.numpy())
@@ -214,9 +231,8 @@ class EpisodeStorage:
         wrong = ring.gather_transitions(self._ring, slots, discounts, rows, *sizes)
         if wrong != NO_ENTRY:
             raise IndexError(
-                f"slot {slots[wrong]} starts no transition (the ring holds {len(self)} entries, "
-                f"{self.num_sampleable} of them sampleable): take slots from a sampler or "
-                "from sampleable_slots()"
+                f"slot {slots[wrong]} starts no transition (the ring holds {len(self)} entries): "
+                "take slots from a sampler or from step_slots()"
             )
         fields = {key: torch.from_numpy(array) for key, array in arrays.items()}
         if not self.spec.num_others:

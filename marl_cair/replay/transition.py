@@ -145,7 +145,7 @@ def check_transitions(
     if not len(transitions):
         return
     if ACTION in keys and ACTION_MASK in keys:
-        _check_actions(transitions[ACTION], transitions[ACTION_MASK])
+        check_actions(transitions[ACTION], transitions[ACTION_MASK])
     if NEXT_ACTION_MASK in keys and NEXT_TERMINATED in keys:
         has_no_action = ~transitions[NEXT_ACTION_MASK].any(1)
         stuck = has_no_action & ~transitions[NEXT_TERMINATED].squeeze(1)
@@ -187,7 +187,8 @@ def make_tensordict(fields: Mapping[Key, torch.Tensor]) -> TensorDict:
     return TensorDict({**current, "next": TensorDict(following, batch)}, batch)
 
 
-def _check_actions(action: torch.Tensor, action_mask: torch.Tensor) -> None:
+def check_actions(action: torch.Tensor, action_mask: torch.Tensor) -> None:
+    """Raise ValueError for an action int64 [N] outside of its mask bool [N, A]."""
     num_actions = action_mask.shape[-1]
     outside = (action < 0) | (action >= num_actions)
     if outside.any():

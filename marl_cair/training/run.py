@@ -22,8 +22,8 @@ from marl_cair.policies import GREEDY, SAMPLED
 from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor
 from marl_cair.policies.q_network import QNetwork, make_q_network
 from marl_cair.ranges import COUNT, FLAG, WEIGHT, Range, read_number, read_numbers
-from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
-from marl_cair.replay.mixed import GeneratedReplay, MixedReplay
+from marl_cair.replay.buffer import ReplayConfig
+from marl_cair.replay.mixed import make_mixed_replay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.self_play.pool import Pool
 from marl_cair.self_play.shared_folder import LeagueSeat
@@ -162,10 +162,9 @@ class TrainingRun:
         self.policy = fit_policy(self.config.policy, self.seen, self.spec)
 
     def _make_replay(self) -> None:
-        config, seen = self.config, self.seen
+        config, seen, engine = self.config, self.seen, self.env.engine
         replay, learner = config.replay, config.learner
-        spec = describe_rows(config, self.policy, seen, self.spec)
-        self.transition_spec = spec
+        self.transition_spec = spec = describe_rows(config, self.policy, seen, self.spec)
         memory.require_memory_of_learning(config, self.policy, seen, spec)
         settings = ReplayConfig(
             capacity_transitions=replay.capacity_transitions,
@@ -179,15 +178,15 @@ class TrainingRun:
             sequence_steps=replay.sequence_steps if spec.state_size else 1,
             burn_in_steps=replay.burn_in_steps if spec.state_size else 0,
         )
-        real = make_replay_buffer(settings, spec)
-        if config.demonstration.replays is not None:
-            played = config.demonstration, self.env.engine
-            fill_from_replays(real.storage, *played, seen.name, learner.reward_scale)
-        if self.is_offline:
-            fill_from_dataset(real.storage, config, self.env.engine)
-        generated = GeneratedReplay(spec, replay.generated_capacity_transitions, self._seeds[2])
         shares = config.synthetic_fraction, config.generator.loss_weight
-        self.replay = MixedReplay(real, generated, *shares, generated_open=False)
+        ring = replay.generated_capacity_transitions, self._seeds[2]
+        self.replay = make_mixed_replay(settings, spec, shares, ring)
+        storage = self.replay.real.storage
+        if config.demonstration.replays is not None:
+            shown, scale = config.demonstration, learner.reward_scale
+            fill_from_replays(storage, shown, engine, seen.name, scale)
+        if self.is_offline:
+            fill_from_dataset(storage, config, engine)
         self.make_generator(None if self._resumes else config.initial_generator)
 
     def make_generator(self, source: str | None = None) -> None:

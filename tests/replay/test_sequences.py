@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from marl_cair.replay import (
     EpisodeStorage,
     GeneratedReplay,
+    GeneratedSequences,
     MixedReplay,
     ReplayConfig,
     TransitionSpec,
@@ -279,3 +280,107 @@ def test_a_replay_of_other_sequences_is_refused(tmp_path):
         make_buffer(sequence_steps=8).load(tmp_path / "replay")
     with pytest.raises(ValueError, match=r"saved replay has fields"):
         make_buffer(sequence_steps=1, burn_in_steps=0).load(tmp_path / "replay")
+
+
+@pytest.mark.parametrize("learned_rate", [0.7, 1.1])
+def test_steps_are_read_as_transitions_too(learned_rate):
+    streams = Streams(0, 3, learned_rate=learned_rate)
+    settings = {"n_steps": 3, "gamma": 0.9}
+    single = EpisodeStorage(dataclasses.replace(SPEC, state_size=0), 60, **settings)
+    ring = EpisodeStorage(SPEC, 60, sequence_steps=4, burn_in_steps=2, **settings)
+    for _ in range(5):
+        rollout = streams.collect(9)
+        single.append(dataclasses.replace(rollout, state=None))
+        ring.append(rollout)
+        slots = ring.step_slots()
+        assert torch.equal(slots, single.sampleable_slots())
+        for num_steps in (1, 3):
+            assert_same_rows(
+                ring.get_transitions(slots, num_steps), single.get_transitions(slots, num_steps)
+            )
+    buffer = make_buffer(capacity=60)
+    buffer.extend_rollout(streams.collect(9))
+    drawn = torch.cat([buffer.sample_steps(100)["index"] for _ in range(20)])
+    assert sorted(drawn.unique().tolist()) == buffer.storage.step_slots().tolist()
+
+
+def make_mixture(fraction=0.2, alpha=0.0, seed=0, num_made=9, **settings):
+    """4 sequences of 4 learned steps in a batch; real ones stand for generated ones."""
+    buffer = make_buffer(alpha, seed, capacity=200)
+    streams = Streams(seed, 3)
+    for _ in range(6):
+        buffer.extend_rollout(streams.collect(9))
+    generated = GeneratedSequences(SPEC, 7, capacity=5, seed=seed)
+    if num_made:
+        generated.extend(buffer.sample(4 * num_made))
+    return MixedReplay(buffer, generated, fraction, **settings)
+
+
+@pytest.mark.parametrize(("fraction", "wanted"), [(0.0, 0), (0.2, 1), (0.5, 2), (0.9, 4)])
+@pytest.mark.parametrize("alpha", [0.0, 0.6])
+def test_a_batch_holds_the_rounded_number_of_generated_sequences(fraction, wanted, alpha):
+    mixture = make_mixture(fraction, alpha)
+    batch = mixture.sample()
+    assert batch.shape == (4, 7)
+    generated = batch["is_generated"]
+    assert torch.equal(generated, generated[:, :1].expand(4, 7))
+    assert int(generated[:, 0].sum()) == wanted
+    made = generated[:, 0]
+    assert (batch["index"][made] == -1).all()
+    assert (batch["index"][~made] >= 0).all()
+    assert (batch["expert_action"][made] == -1).all()
+    assert (batch["opponent"][made] == -1).all()
+    if alpha and 0 < wanted < 4:
+        weights = batch["priority_weight"]
+        torch.testing.assert_close(weights[made].mean(), weights[~made].mean())
+    batch["td_error"] = torch.ones(4, 7)
+    mixture.note_errors(batch, done=0.5)
+
+
+def test_generated_sequences_come_back_as_they_were_stored(tmp_path):
+    mixture = make_mixture(num_made=0)
+    made = mixture.real.sample(8)
+    made["state"] = torch.randn(2, 1, 3).expand(2, 7, 3)
+    mixture.generated.extend(made)
+    mixture.generated.save(tmp_path / "ring")
+    resumed = GeneratedSequences(SPEC, 7, capacity=5, seed=1)
+    resumed.load(tmp_path / "ring")
+    drawn = resumed.sample(20)
+    assert_same_rows(drawn, mixture.generated.sample(20))
+    assert drawn.shape == (20, 7)
+    for row in drawn:
+        same = [bool((row["observation"] == one["observation"]).all()) for one in made]
+        [source] = [one for one, is_same in zip(made, same, strict=True) if is_same]
+        for name in ("action_mask", "action", "reward", "terminated", "starts", "learned", "state"):
+            assert torch.equal(row[name], source[name]), name
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("action", torch.full((4, 7), 99), "action is 99, expected 0..10"),
+        ("reward", torch.zeros(4, 7, dtype=torch.float64), r"sequences\['reward'\] is float64"),
+        ("learned", torch.ones(4, 7, dtype=torch.bool), "the last entry of a sequence is learned"),
+        ("starts", None, "sequences lack 'starts'"),
+    ],
+)
+def test_wrong_generated_sequences_are_refused(key, value, message):
+    mixture = make_mixture()
+    made = mixture.real.sample()
+    if value is None:
+        del made[key]
+    else:
+        made[key] = value
+    with pytest.raises(ValueError, match=message):
+        mixture.generated.extend(made)
+    with pytest.raises(ValueError, match=r"batch size \[4, 6\], expected \[N, 7\]"):
+        mixture.generated.extend(mixture.real.sample()[:, :6])
+
+
+def test_a_ring_of_other_sequences_is_not_loaded(tmp_path):
+    mixture = make_mixture()
+    mixture.generated.save(tmp_path / "ring")
+    with pytest.raises(ValueError, match="has num_entries 7, this one has 8"):
+        GeneratedSequences(SPEC, 8, capacity=5).load(tmp_path / "ring")
+    with pytest.raises(ValueError, match=r"observation is uint8 \[5, 7, 5, 2, 3\], it must be"):
+        GeneratedReplay(SPEC, capacity=5).load(tmp_path / "ring")

@@ -44,7 +44,7 @@ def test_the_steps_of_a_player_are_demonstrations(tmp_path, games):
     replays = read_all(games)
     storage = run.replay.real.storage
     assert len(storage) == sum(len(one.actions) + 1 for one in replays)
-    rows = storage.get(storage.sampleable_slots(), num_steps=1)
+    rows = storage.get_transitions(storage.sampleable_slots(), num_steps=1)
     played = np.concatenate([one.actions[:, one.players.index("turtle")] for one in replays])
     assert rows["expert_action"].tolist() == rows["action"].tolist()
     assert sorted(rows["action"].tolist()) == sorted(played.tolist())
@@ -74,7 +74,7 @@ def test_rewards_are_those_of_the_run(tmp_path, games):
     run = TrainingRun(config)
     run.close()
     storage = run.replay.real.storage
-    rewards = storage.get(storage.sampleable_slots(), num_steps=1)["next", "reward"]
+    rewards = storage.get_transitions(storage.sampleable_slots(), num_steps=1)["next", "reward"]
     scenario = run.env.engine.scenario
     assert scenario.reward == "shaped"
     expected = 0.0
@@ -111,7 +111,7 @@ def test_without_names_the_winners_demonstrate(tmp_path):
     assert all(one.winner is not None for one in replays)
     assert len(run.replay.real) == sum(len(one.actions) + 1 for one in replays)
     storage = run.replay.real.storage
-    rows = storage.get(storage.sampleable_slots(), num_steps=1)
+    rows = storage.get_transitions(storage.sampleable_slots(), num_steps=1)
     assert rows["next", "terminated"].sum() == 2
 
 

@@ -206,7 +206,10 @@ def test_demonstrations_count_where_steps_are_learned(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"generator": GeneratorSettings()}, "have no history: set generator=none, or policy.mem"),
+        (
+            {"generator": GeneratorSettings(), "learner": LearnerSettings(algorithm="pqn")},
+            "without replay no generated one has a state: set generator=none, or policy.mem",
+        ),
         ({"nfsp": NfspSettings(enabled=True)}, "NFSP's reservoir holds single steps: set nfsp"),
         (
             {"learner": LearnerSettings(batch_size=30)},

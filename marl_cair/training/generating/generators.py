@@ -22,6 +22,7 @@ from marl_cair.generative.generator import CCDNGenerator, Generator
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.generative.thesis import ThesisGenerator
 from marl_cair.outside import OutsideCodeError
+from marl_cair.policies import NO_MEMORY
 from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 from marl_cair.training.settings.config_file import learned_fields
@@ -194,6 +195,8 @@ def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) 
     if isinstance(made, ThesisGenerator):  # it knows no rewards but that of the real first step
         require(config.learner.n_steps == 1, "learner.n_steps", config.learner.n_steps, _ONE_STEP)
         require(settings.branch_steps == 0, "generator.branch_steps", settings.branch_steps, _NONE)
+        memory = config.policy.memory
+        require(memory == NO_MEMORY, "policy.memory", memory, f"{NO_MEMORY} with ccdn_thesis")
     return made
 
 

@@ -14,10 +14,11 @@ from contextlib import contextmanager
 
 import torch
 from tensordict import TensorDict
+from torch import Tensor
 
 from marl_cair.files import write_atomically
 from marl_cair.generative.generator import Generator
-from marl_cair.generative.rollouts import Rollouts
+from marl_cair.generative.rollouts import Rollouts, imagine_sequences
 from marl_cair.policies.actor import PolicyActor, masked_argmax
 from marl_cair.replay.transition import NEXT_OBSERVATION
 from marl_cair.training.due import count_due, is_due
@@ -35,7 +36,7 @@ class GeneratorFailedError(ValueError):
     """The generator has made a number that is not finite, or far too large."""
 
 
-def observe_steps(run: TrainingRun, slots: torch.Tensor) -> None:
+def observe_steps(run: TrainingRun, slots: Tensor) -> None:
     """Pass the real steps in `slots` of the replay, if their next state is known, to the generator,
     if there is one and it is on.
     """
@@ -127,7 +128,7 @@ def _switch_off(run: TrainingRun, what: str, error: Exception) -> None:
 def _begin_again(run: TrainingRun) -> None:
     """Switch the new generator on, and show it all of replay: it has seen nothing yet."""
     run.generator_is_on = True
-    for slots in torch.split(run.replay.real.storage.sampleable_slots(), OBSERVED_ROWS):
+    for slots in torch.split(run.replay.real.storage.step_slots(), OBSERVED_ROWS):
         observe_steps(run, slots)
 
 
@@ -162,7 +163,38 @@ def _evaluate(run: TrainingRun, generator: Generator) -> None:
 
 
 def _refill(run: TrainingRun, generator: Generator, num_rows: int) -> None:
-    """Generate up to `num_rows` transitions."""
+    """Generate up to `num_rows` transitions, or steps of sequences."""
+    is_recurrent = run.transition_spec.state_size > 0
+    made = (_imagine if is_recurrent else _continue)(run, generator, num_rows)
+    if len(made):
+        _require_finite_rows(made)
+        run.replay.generated.extend(made)
+    run.means.add({"generator/generated_rows": float(len(made))})
+
+
+def _imagine(run: TrainingRun, generator: Generator, num_rows: int) -> TensorDict:
+    """Sequences for networks with memory, of `num_rows` steps at most."""
+    steps, device = run.config.replay.sequence_steps, run.device
+    network = run.learner.average
+
+    def unroll(observations: Tensor, state: Tensor, starts: Tensor) -> tuple[Tensor, Tensor]:
+        moved = observations.to(device), state.to(device), starts.to(device)
+        values, states = network.unroll(*moved)
+        return values.cpu(), states.cpu()
+
+    made = imagine_sequences(
+        generator,
+        unroll,
+        run.replay.real.sample(max(1, num_rows // steps) * steps),
+        min(run.config.generator.branch_steps or steps, steps),
+    )
+    if len(made):
+        run.means.add({"generator/steps": made["learned"].sum(1).float().mean()})
+    return made
+
+
+def _continue(run: TrainingRun, generator: Generator, num_rows: int) -> TensorDict:
+    """Transitions that continue real ones, or roll-outs from them."""
     settings, learned = run.config.generator, run.config.learner
     actor = PolicyActor(run.learner.average, "learner", run.config.game.representation)
     num_generated = min(settings.rollout_steps, learned.n_steps)
@@ -179,10 +211,8 @@ def _refill(run: TrainingRun, generator: Generator, num_rows: int) -> None:
     else:
         made = rollouts.generate(run.replay.real, num_rows)
     if len(made):
-        _require_finite_rows(made)
-        run.replay.generated.extend(made)
         run.means.add({"generator/steps": made["steps_to_next_obs"].float().mean()})
-    run.means.add({"generator/generated_rows": float(len(made))})
+    return made
 
 
 def _require_finite_rows(rows: TensorDict) -> None:

@@ -359,10 +359,12 @@ class TrainConfig:
     def _check_memory(self) -> None:
         """Raise ValueError for parts that cannot train a network with memory."""
         learner, replay = self.learner, self.replay
-        has_generator = self.generator.name != NO_GENERATOR
+        is_generating = self.generator.name != NO_GENERATOR
+        # Sequences that are generated begin with the state of replayed ones.
+        has_no_state = is_generating and not learner.learns_from_replay
         reads_steps = not LOSSES[learner.algorithm].READS_SEQUENCES
         for is_refused, reason, instead in (
-            (has_generator, "generated transitions have no history", "generator=none"),
+            (has_no_state, "without replay no generated one has a state", "generator=none"),
             (self.offline.dataset, "a data set has no history", "offline.dataset=null"),
             (self.nfsp.enabled, "NFSP's reservoir holds single steps", "nfsp.enabled=false"),
             (reads_steps, "this loss reads single transitions", "learner.algorithm=dqn or pqn"),

@@ -8,6 +8,7 @@ import torch
 
 from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.gate import Acceptance, GateReport
+from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import GeneratorSettings, ReplaySettings
@@ -130,8 +131,7 @@ def test_generated_rows_have_as_many_steps_as_real_ones(
     run.close()
 
 
-@pytest.mark.parametrize("rollout_steps", [4, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_steps):
+def accept_everything(monkeypatch):
     """A generator trained for seconds generates no sound row; here all rows are accepted."""
 
     def look(generator):
@@ -143,10 +143,42 @@ def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_st
 
     monkeypatch.setattr(CCDNGenerator, "evaluate", look)
     monkeypatch.setattr("marl_cair.generative.generator.find_broken_structure", find_nothing_broken)
-    settings = {"frames_per_update": 64, "evaluate_every_frames": 256, "refill_every_frames": 128}
-    settings |= {"rows_per_refill": 50, "rollout_steps": rollout_steps, "model": SMALL_GENERATOR}
+
+
+OFTEN = {"frames_per_update": 64, "evaluate_every_frames": 256, "refill_every_frames": 128}
+OFTEN |= {"rows_per_refill": 50, "model": SMALL_GENERATOR}
+
+
+@pytest.mark.parametrize("rollout_steps", [4, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_resumed_run_generates_the_same_rows(tmp_path, monkeypatch, rollout_steps):
+    accept_everything(monkeypatch)
+    settings = {**OFTEN, "rollout_steps": rollout_steps}
     folders = train_whole_and_in_parts(
         tmp_path, lambda to: generating(to, n_steps=4, **settings), until=640
     )
     for folder in folders:
         assert read_log(folder / "log.csv")[-1]["generator/steps"] > 1
+
+
+@pytest.mark.parametrize("priority_alpha", [0.6, pytest.param(0.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("branch_steps", [3, pytest.param(0, marks=pytest.mark.slow)])
+def test_a_network_with_memory_learns_from_generated_sequences(
+    tmp_path, monkeypatch, priority_alpha, branch_steps
+):
+    accept_everything(monkeypatch)
+
+    def make(to):
+        config = generating(to, n_steps=2, **OFTEN, branch_steps=branch_steps)
+        window = {"sequence_steps": 4, "burn_in_steps": 2, "priority_alpha": priority_alpha}
+        return dataclasses.replace(
+            config,
+            policy=QNetworkConfig(hidden_width=16, memory="lstm", memory_width=6),
+            replay=ReplaySettings(3_000, 300, min_transitions=300, **window),
+        )
+
+    for folder in train_whole_and_in_parts(tmp_path, make, until=640):
+        last = read_log(folder / "log.csv")[-1]
+        assert 1 <= last["generator/steps"] <= (branch_steps or 4)
+        assert last["td_error/generated"] > 0.0
+        # One of the five sequences of a batch, whose learned steps may be fewer.
+        assert 0.05 < last["batch/generated_share"] <= 0.25

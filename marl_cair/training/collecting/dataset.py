@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from marl_cair.replay.dataset import (
 from marl_cair.replay.transition import OTHER_ACTIONS, Key
 
 NUM_WORLDS = 32
+NUM_OUTSIDE = 4  # of games in processes of their own, as browsers
 # Of five episodes in the order of their starts, two are held out.
 _CYCLE, _HELDOUT_OF_CYCLE = 5, (1, 3)
 _MOST_REPEATS = 20  # seen transitions for each new one, before the game counts as too small
@@ -79,9 +81,11 @@ def collect_dataset(
         train_episodes=0,  # counted when all are there
         heldout_episodes=0,
     )
-    with new_dataset(Path(folder), about) as made:
+    num_worlds = NUM_WORLDS if game.has_snapshots else NUM_OUTSIDE
+    engine = BatchedEngine(game, played, num_worlds)
+    with closing(engine), new_dataset(Path(folder), about) as made:
         sides = [_Side(made.train), _Side(made.heldout)]
-        play = Play(BatchedEngine(game, played, NUM_WORLDS), representation, agents, seed)
+        play = Play(engine, representation, agents, seed)
         digests: set[bytes] = set()
         num_seen = 0
         while any(side.missing for side in sides):

@@ -5,7 +5,10 @@ import torch
 
 from marl_cair.checkpoint import load_network
 from marl_cair.cli.compose import compose_config
+from marl_cair.games import GAMES
+from marl_cair.games.engine import BatchedEngine
 from marl_cair.league.league import LeagueConfig, run_league
+from marl_cair.training.collecting.dataset import collect_dataset
 from tests.games.flash.browser.flash_files import need_flash
 from tests.training.runs import train
 
@@ -78,3 +81,20 @@ def test_a_generator_learns_from_the_frames_of_multitask_and_resumes(tmp_path):
     assert last["generator/cells"] < 0.95 * first["generator/cells"]  # mean losses of each part
     assert last["generator/reward"] < 0.5 * first["generator/reward"]
     assert last["generator/failures"] == 0
+
+
+def test_a_data_set_is_collected_in_few_browsers(tmp_path, monkeypatch):
+    opened = []
+    close = BatchedEngine.close
+    monkeypatch.setattr(
+        BatchedEngine, "close", lambda engine: (opened.append(engine.num_worlds), close(engine))
+    )
+    game = GAMES["flash"]
+    scenario = game.scenario("duel", transport="numbers", max_ticks=120)
+    agents = [game.bots["duelist"](scenario, game.make_spec(scenario)) for _ in range(2)]
+    about = collect_dataset(
+        tmp_path / "data", game, ("duel", scenario), "vector", agents, 600, seed=0
+    )
+    assert (about.num_train, about.num_heldout) == (360, 240)
+    assert about.train_episodes + about.heldout_episodes >= 4
+    assert opened == [4]

@@ -61,6 +61,21 @@ def test_steps_to_a_level_are_compared_with_the_best_control(tmp_path):
     assert rows["real_twice"][4:] == ["600 [600, 600]", "2 [2, 2]", "2"]
 
 
+# --- bodies -----------------------------------------------------------------------------------
+
+
+def test_bodies_are_timed_beside_conv_on_all_boards():
+    arguments = ["--bodies", "capsule", "--batch", "2", "--repeats", "1"]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in read_table("bodies", "| board", arguments).splitlines()[2:]
+    ]
+    assert [row[1] for row in rows] == ["`conv`", "`capsule`"] * 4
+    assert [row[4] for row in rows[::2]] == ["1.00"] * 4
+    assert rows[0][2] == "766,938"
+    assert all(float(row[column]) > 0 for row in rows for column in (3, 4, 5, 6))
+
+
 # --- generator --------------------------------------------------------------------------------
 
 

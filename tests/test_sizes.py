@@ -9,7 +9,7 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_695,
-    "policies": 2_425,
+    "policies": 2_440,
     "replay": 2_445,
     "generative": 3_030,
     "self_play": 1_035,

@@ -241,7 +241,7 @@ class EntityRouting(nn.Module):
             # Pass one needs no weighting, which is a third of the cost of routing.
             entities = self.sum_votes(parts, None if pass_index == 0 else weights)
             wanted = torch.bmm(squash(entities), self.weight.transpose(1, 2))
-            agreement += (wanted.view(self.num_entities, *parts.shape) * parts).sum(2)
+            agreement += wanted.view(self.num_entities, *parts.shape).mul_(parts).sum(2)
             weights = self.num_entities * agreement.softmax(0)
         return weights
 

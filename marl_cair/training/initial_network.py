@@ -12,6 +12,7 @@ from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.league.agents.load import is_checkpoint
 from marl_cair.policies import GREEDY
+from marl_cair.policies.capsule import stride_first
 from marl_cair.policies.config import NAF, QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
 from marl_cair.replay.transition import TransitionSpec
@@ -29,12 +30,12 @@ Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape,
 
 
 def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> QNetworkConfig:
-    """Complete a network's settings by the game's numbers: bounds of a vector's entries, and cells
-    and kinds of the actions.
+    """Complete a network's settings by the game's numbers: strides for the board's size, bounds of
+    a vector's entries, and cells and kinds of the actions.
 
     Raises ValueError if actions are to be valued by cells and `seen` does not show them.
     """
-    policy = policy.with_bounds(seen.low, seen.high)
+    policy = stride_first(policy.with_bounds(seen.low, seen.high), seen.shape)
     board = spec.representations.get("planes")
     if policy.reads_cells and board is not None and seen.shape[1:] != board.shape[1:]:
         asked = "policy.cell_values is True" if policy.cell_values else f"policy.head is {NAF!r}"

@@ -7,6 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from marl_cair.policies.capsule import stride_first
 from marl_cair.policies.capsule_layers import (
     ROUTING_CHUNK_ROWS,
     EntityRouting,
@@ -36,6 +37,22 @@ def test_weights_are_counted_as_in_the_table():
     assert count_weights((3, 25, 25), 4) == 257_677
     assert count_weights((1, 84, 84), 4) == 266_029
     assert count_weights((3, 128, 128), 300) == 279_893
+
+
+def test_new_networks_for_large_boards_stride_first():
+    config, large = QNetworkConfig(body="capsule"), (43, 31, 31)
+    fitted = stride_first(config, large)
+    assert (fitted.conv_channels, fitted.conv_strides) == ((32, 32), (2, 1))
+    old, new = (make_q_network(one, large, 9, seed=0) for one in (config, fitted))
+    new.load_state_dict(old.state_dict())  # the same weights
+    rows = torch.randint(0, 256, (3, *large), dtype=torch.uint8)
+    assert not torch.allclose(old(rows), new(rows))
+    for shape in ((28, 10, 15), (1, 84, 84), (7,)):
+        assert stride_first(config, shape) is config
+    own = QNetworkConfig(body="capsule", conv_channels=(8, 8), conv_strides=(1, 2))
+    assert stride_first(own, large) is own
+    conv = QNetworkConfig(body="conv")
+    assert stride_first(conv, large) is conv
 
 
 def test_each_action_adds_33_weights_and_a_larger_board_none():

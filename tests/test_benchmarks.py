@@ -61,6 +61,26 @@ def test_steps_to_a_level_are_compared_with_the_best_control(tmp_path):
     assert rows["real_twice"][4:] == ["600 [600, 600]", "2 [2, 2]", "2"]
 
 
+def test_runs_are_compared_at_the_steps_of_the_shortest(tmp_path):
+    lines = ["task,data,seed,frames,seconds,score,mean"]
+    for data, end in (("real", 250), ("generated", 400)):
+        for seed, slope in enumerate((1, 2, 3, 4, 90)):
+            for frames in range(0, end + 1, 50):
+                score = slope * frames / 50
+                lines.append(f"maze,{data},{seed},{frames},{frames},{score},{score}")
+    looks = tmp_path / "looks.csv"
+    looks.write_text("\n".join(lines))
+    arguments = [looks, "--factor", "data", "--equal-steps", "--iqm"]
+    table = read_table("steps_to_level", "| task", arguments).splitlines()
+    real, generated = ([cell.strip() for cell in row.split("|")] for row in table[3:1:-1])
+    assert (real[2], generated[2]) == ("real", "generated")
+    # The mean score from 167 to 250 steps is 4.17 times the slope; of 1, 2, 3, 4, 90 count 2 to 4.
+    assert real[4].startswith("12.5 [")
+    assert generated[4:6] == real[4:6]
+    whole = read_table("steps_to_level", "| task", [*arguments[:3], "--iqm"]).splitlines()
+    assert whole[2].split("|")[4].strip().startswith("20 [")
+
+
 # --- bodies -----------------------------------------------------------------------------------
 
 

@@ -96,6 +96,20 @@ def test_bodies_are_timed_beside_conv_on_all_boards():
     assert all(float(row[column]) > 0 for row in rows for column in (3, 4, 5, 6))
 
 
+@pytest.mark.slow  # torch.compile
+@pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")  # of torch.compile itself
+def test_levers_are_timed_beside_the_update():
+    arguments = ["--batch", "4", "--repeats", "1"]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in read_table("levers", "| change", arguments).splitlines()[2:]
+    ]
+    assert rows[0][0] == "the update"
+    assert rows[0][2] == "1.00"
+    assert len(rows) == 10
+    assert all(float(row[1]) > 0 for row in rows)
+
+
 # --- generator --------------------------------------------------------------------------------
 
 

@@ -6,9 +6,10 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 from tqdm import tqdm
 
-from benchmarks import flash
+from benchmarks import flash, positions
 from benchmarks.coverage import Case, find_truth, measure
 from benchmarks.self_play_learning import _space_out
 from marl_cair.cli import main
@@ -108,6 +109,37 @@ def test_levers_are_timed_beside_the_update():
     assert rows[0][2] == "1.00"
     assert len(rows) == 10
     assert all(float(row[1]) > 0 for row in rows)
+
+
+# --- positions --------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_positions_in_predicted_frames_are_found(tmp_path):
+    data, out = str(tmp_path / "data"), str(tmp_path / "generator")
+    scene = ["--representation", "gray_stack", "--set", "ticks_per_step=2", "--rows", "400"]
+    command = ["dataset", "collect", "--game", "flappy_bird", *scene, "--player", "oracle@0.8"]
+    assert main([*command, "--out", data]) == 0
+    few = ["--updates", "2", "--batch-size", "8", "--measurements", "1"]
+    assert main(["generator", "train", data, *few, "--out", out]) == 0
+    arguments = [out, "--player", "oracle@0.8", "--steps", "200"]
+    bird, pipe = (
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in read_table("positions", "| thing", arguments).splitlines()[2:]
+    )
+    assert (bird[0], pipe[0]) == ("bird", "pipe")
+    # A pipe moves by 2.3 pixels: an untrained generator copies it.
+    assert [cell.startswith("0.0%") for cell in pipe[1:]] == [True, True, True]
+    assert 10 < float(bird[2].partition("%")[0]) < 90
+
+
+def test_a_shift_is_found():
+    true = torch.rand(positions.SIDE, positions.SIDE, generator=torch.Generator().manual_seed(0))
+    box = slice(30, 40), slice(50, 64)
+    for rows, columns in ((0, 0), (1, 0), (-3, 2), (5, -5)):
+        drawn = torch.roll(true, (rows, columns), (0, 1))
+        assert positions.find_shift(true, drawn, box) == max(abs(rows), abs(columns))
+    assert positions.find_shift(torch.zeros(84, 84), torch.zeros(84, 84), box) == 0
 
 
 # --- generator --------------------------------------------------------------------------------

@@ -57,6 +57,11 @@ class CCGANGenerator(CCDNGenerator):
 
     def __init__(self, config: GeneratorConfig, spec: GeneratorSpec) -> None:
         super().__init__(config, spec)
+        if self.network.painter is not None:
+            raise ValueError(
+                "generator.name is ccgan, which judges boards, but these rows are pictures: use "
+                "ccdn, or representation=planes"
+            )
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed + 1)
             self.discriminator = Discriminator(spec, config.adversarial.channels)

@@ -39,6 +39,7 @@ from marl_cair.replay.transition import (
 )
 
 CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
+PICTURE_RATE = 0.4  # of the learning rate: at all of it Multitask was not learned
 WARMUP_UPDATES = 50  # full steps from the start leave a trunk of dead channels
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
 TRAINING, _GENERATING, _EVALUATING = range(3)
@@ -100,9 +101,10 @@ class CCDNGenerator:
             self.network = CCDN(spec, config.size)
         # Predictions come from a moving average of the weights.
         self.average = copy.deepcopy(self.network)
-        self.optimizer = torch.optim.Adam(
-            self.network.parameters(), lr=config.learning_rate, fused=True
-        )
+        share = PICTURE_RATE if self.network.painter else 1.0
+        self.learning_rate = share * config.learning_rate
+        weights = self.network.parameters()
+        self.optimizer = torch.optim.Adam(weights, lr=self.learning_rate, fused=True)
         self.num_updates = 0
         self.last_report: GateReport | None = None
         self._counts = RareCounts()
@@ -159,7 +161,7 @@ class CCDNGenerator:
         norm = nn.utils.clip_grad_norm_(network.parameters(), self.config.max_grad_norm)
         for group in optimizer.param_groups:
             warm = min(1.0, (self.num_updates + 1) / WARMUP_UPDATES)
-            group["lr"] = warm * self.config.learning_rate
+            group["lr"] = warm * self.learning_rate
         # One bad batch must not turn all weights into NaN.
         if bool(torch.isfinite(norm)):
             optimizer.step()

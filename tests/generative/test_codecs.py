@@ -196,6 +196,6 @@ def test_a_restored_generator_continues_with_the_same_bits(make_generator, make_
 
 
 def test_frames_of_other_sides_than_patches_are_refused():
-    spec = GeneratorSpec((2, 66, 64), 2, num_uniform=0, noop_action=0, num_frames=2)
-    with pytest.raises(ValueError, match="frames are 66 x 64, but both sides must be multiples"):
+    spec = GeneratorSpec((2, 65, 64), 2, num_uniform=0, noop_action=0, num_frames=2)
+    with pytest.raises(ValueError, match="frames are 65 x 64, but both sides must be multiples"):
         CCDNGenerator(GeneratorConfig(), spec)

@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from marl_cair.generative.settings import GeneratorSpec
 
-FRAME_PATCH, LEAST_FRAME = 4, 64  # pixels along a side
+FRAME_PATCH, LEAST_FRAME = 2, 64  # pixels along a side
 
 
 def find_layers(spec: GeneratorSpec) -> list[list[int]]:
@@ -37,6 +37,11 @@ def stack_sources(planes: Tensor, shifts: tuple[tuple[int, int], ...]) -> Tensor
         for dr, dc in shifts
     ]
     return torch.stack([planes, *near, torch.zeros_like(planes)], 1)
+
+
+def is_picture(spec: GeneratorSpec) -> bool:
+    """Whether planes are grey pictures, not boards: frames, or too large for a board."""
+    return spec.num_frames > 1 or min(spec.num_rows, spec.num_columns) >= LEAST_FRAME
 
 
 def choose_patch(rows: int, columns: int) -> int:

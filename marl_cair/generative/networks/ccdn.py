@@ -8,8 +8,8 @@
 
 The thesis multiplies a state stream and an action stream, reduced to one vector. Here the product
 is taken at every cell, without a bottleneck, and the next state is predicted directly: planes of
-one event (`boards.find_layers`) take over the values of one cell, and few values are edited. Frames
-are read in patches of pixels.
+one event (`boards.find_layers`) take over the values of one cell, and few values are edited.
+Pictures are read in patches of pixels, and the next one is painted (`frames.FramePainter`).
 """
 
 from __future__ import annotations
@@ -21,8 +21,14 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from marl_cair.generative.networks.boards import choose_patch, find_layers
+from marl_cair.generative.networks.boards import choose_patch, find_layers, is_picture
 from marl_cair.generative.networks.decoding import decode_board
+from marl_cair.generative.networks.frames import (
+    FramePainter,
+    Painting,
+    find_painting_loss,
+    round_shades,
+)
 from marl_cair.generative.networks.gradients import apply_curves, score_board
 from marl_cair.generative.networks.outcome import Outcome, OutcomeHeads, OutcomeInput, pool
 from marl_cair.generative.networks.values import NUM_VALUES, ValueHead
@@ -89,7 +95,10 @@ class CCDN(nn.Module):
         self.num_choices = len(self.layers) * (len(size.shifts) + 2)
         self._make_trunk()
         outputs, hidden = self.num_choices + num_moving, size.hidden
-        self.choose = nn.Conv2d(size.channels, outputs * self.patch**2, 1)
+        self.painter = None
+        if is_picture(spec):
+            self.painter = FramePainter(size.channels, num_moving, self.patch)
+        self.choose = nn.Conv2d(size.channels, outputs, 1)
         # The kind of a purchase is known for the whole board, its place for each cell: the sum of
         # both logits means "this kind, here" without a channel for each pair.
         self.choose_all = nn.Linear(hidden, outputs)
@@ -98,7 +107,6 @@ class CCDN(nn.Module):
         self.compare = nn.Linear(num_known, hidden)
         self.edit_scalars = nn.Linear(hidden, spec.num_uniform) if spec.num_uniform else None
         self.of_cell = nn.Linear(size.channels, hidden)
-        self.of_pixel = nn.Embedding(self.patch**2, hidden)
         self.value = ValueHead(num_moving + spec.num_uniform, hidden)
         num_known += spec.num_uniform * (3 + size.table_width)
         self.outcome = OutcomeHeads(spec, size, num_known)
@@ -198,11 +206,8 @@ class CCDN(nn.Module):
         return torch.cat(marks, 1).contiguous(memory_format=torch.channels_last)
 
     def find_choices(self, encoding: Encoding) -> Choices:
-        """Logits of sources and edits."""
-        of_cells = self.choose(encoding.board)
-        if self.patch > 1:
-            of_cells = functional.pixel_shuffle(of_cells, self.patch)
-        return Choices(of_cells, self.choose_all(encoding.context))
+        """Logits of sources and edits of a board."""
+        return Choices(self.choose(encoding.board), self.choose_all(encoding.context))
 
     def follow(self, encoding: Encoding, following: Tensor) -> Sequel:
         """Features of the board of the observations `following`."""
@@ -226,9 +231,7 @@ class CCDN(nn.Module):
             plane = plane + len(self.moving)
         else:
             row, column = cell
-            of_cell = board[image, :, row // self.patch, column // self.patch]
-            pixel = row % self.patch * self.patch + column % self.patch
-            features = features + self.of_cell(of_cell) + self.of_pixel(pixel)
+            features = features + self.of_cell(board[image, :, row, column])
         logits: Tensor = self.value(features, plane, base[edited].long())
         return logits
 
@@ -259,22 +262,14 @@ class CCDN(nn.Module):
         """
         observation, following = rows["observation"], rows["next", "observation"]
         encoding = self.encode(observation, rows["action"], others)
-        choices = self.find_choices(encoding)
-        logits = choices.of_cells + choices.of_boards[..., None, None]
-        later = following[:, self.moving]
-        nll, base, edited = score_board(
-            logits, encoding.planes, later, self.layer_of, self.size.shifts
-        )
-        context = encoding.context
-        cells = nll + self._find_difference_nll(context, edited, base, later, encoding.board)
+        board = self._predict_board(encoding)
+        cells = self._find_board_loss(encoding, board, following[:, self.moving])
         losses = {"cells": (cells * weights).mean()}
         # Half of the rows show the board as it is predicted: its errors must not mislead the rest.
         following = following.clone()
-        half = (
-            Encoding(*(part[::2] for part in encoding)),
-            Choices(*(part[::2] for part in choices)),
-        )
-        following[::2, self.moving] = self._draw_board(*half, None)[0]
+        half = type(board)(*(part[::2] for part in board))
+        of_half = Encoding(*(part[::2] for part in encoding))
+        following[::2, self.moving] = self._draw_board(of_half, half, None)[0]
         sequel = self.follow(encoding, following)
         if self.edit_scalars is not None:
             changes, now = self.edit_scalars(sequel.context), encoding.scalars
@@ -287,6 +282,26 @@ class CCDN(nn.Module):
             losses["scalars"] = (nll * weights).mean()
         outcome = self.predict_outcome(encoding, sequel, rows, following)
         return losses | self.outcome.compute_losses(outcome, rows, end_log_odds)
+
+    def _predict_board(self, encoding: Encoding) -> Choices | Painting:
+        """The next moving planes: choices on a board, or a picture."""
+        if self.painter is None:
+            return self.find_choices(encoding)
+        painting: Painting = self.painter(encoding.board, encoding.planes)
+        return painting
+
+    def _find_board_loss(
+        self, encoding: Encoding, board: Choices | Painting, later: Tensor
+    ) -> Tensor:
+        """Loss [N] of the predicted `board`, of which `later` is true, uint8 [N, P, H, W]."""
+        if isinstance(board, Painting):
+            return find_painting_loss(board, encoding.planes, later, self.spec.tolerance)
+        choices = board
+        logits = choices.of_cells + choices.of_boards[..., None, None]
+        shifts = self.size.shifts
+        nll, base, edited = score_board(logits, encoding.planes, later, self.layer_of, shifts)
+        known = encoding.context, edited, base, later, encoding.board
+        return nll + self._find_difference_nll(*known)
 
     def _find_difference_nll(
         self,
@@ -314,9 +329,9 @@ class CCDN(nn.Module):
         """
         observation = rows["observation"]
         encoding = self.encode(observation, rows["action"], others)
-        choices = self.find_choices(encoding)
         following = observation.clone()
-        following[:, self.moving], surety = self._draw_board(encoding, choices, generator)
+        board = self._predict_board(encoding)
+        following[:, self.moving], surety = self._draw_board(encoding, board, generator)
         sequel = self.follow(encoding, following)
         if self.edit_scalars is not None:
             logits = self.edit_scalars(sequel.context)
@@ -330,10 +345,14 @@ class CCDN(nn.Module):
 
     @torch.no_grad()
     def _draw_board(
-        self, encoding: Encoding, choices: Choices, generator: torch.Generator | None
+        self, encoding: Encoding, board: Choices | Painting, generator: torch.Generator | None
     ) -> tuple[Tensor, Tensor]:
-        """The next board, uint8 [N, P, H, W], and the log probability [N] of the likeliest one."""
-        offsets = None
+        """The next board, uint8 [N, P, H, W], and the log probability [N] of the likeliest one. A
+        picture has one likeliest form, which is not drawn at random.
+        """
+        if isinstance(board, Painting):
+            return round_shades(board)
+        choices, offsets = board, None
         if generator is not None:
             shape = len(encoding.planes), len(self.layers)
             offsets = torch.rand(shape, generator=generator)
@@ -345,8 +364,8 @@ class CCDN(nn.Module):
             self.size.shifts,
             offsets,
         )
-        board = self._edit(encoding.context, edited, base, surety, generator, encoding.board)
-        return board, surety
+        known = encoding.context, edited, base, surety, generator, encoding.board
+        return self._edit(*known), surety
 
     def _edit(
         self,

@@ -8,7 +8,7 @@ thing in the predicted frame: the shift, of 5 pixels at most, at which the true 
 around the thing's true place differ least (in squares) from the predicted ones. The true place is
 known from the game's numbers. Prints the share of shifts of at most --most pixels in each
 direction, beside that of a copy of the frame before, in all steps and in those in which the thing
-has moved by more than --most pixels, in Markdown with 95 % Wilson intervals.
+has moved by more than --most pixels, in Markdown with 95 % bootstrap intervals over games.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.stats import binomtest
+from scipy.stats import bootstrap
 from tensordict import TensorDict
 from torch.nn import functional
 
 from marl_cair.games.engine import BatchedEngine
 from marl_cair.games.flappy_bird import tables
 from marl_cair.league.agents.load import load_agent
+from marl_cair.replay.dataset import EPISODE
 from marl_cair.training.collecting.dataset import Play
 from marl_cair.training.offline.watching import load_watched
 
@@ -105,12 +106,12 @@ def choose_box(thing: Thing, numbers: Numbers, size: tuple[int, int]) -> tuple[s
 
 def measure(
     folder: str, player: str, num_steps: int, seed: int
-) -> dict[str, list[tuple[int, int]]]:
+) -> dict[str, list[tuple[int, int, int]]]:
     """Shifts of the predicted frame and of a copy, of each thing that is seen."""
     watched = load_watched(folder)
     game, imagine = watched.game, watched.generator.imagine  # type: ignore[attr-defined]
     names = watched.spec.representations["vector"].plane_names
-    found: dict[str, list[tuple[int, int]]] = {name: [] for name in THINGS[game.name]}
+    found: dict[str, list[tuple[int, int, int]]] = {name: [] for name in THINGS[game.name]}
     agent = load_agent(player, game.name, watched.scenario)
     with closing(BatchedEngine(game, watched.scenario, WORLDS)) as engine:
         play = Play(engine, watched.seen.name, [agent], seed)
@@ -125,12 +126,15 @@ def measure(
             for world in np.flatnonzero(~columns["next", "done"][:, 0]):
                 numbers = dict(zip(names, after[world].tolist(), strict=True))
                 frames = drawn[world], before[world]
-                note(found, THINGS[game.name], numbers, SIZES[game.name], true[world], frames)
+                game_number = int(columns[EPISODE][world])
+                seen = numbers, SIZES[game.name], true[world], frames
+                note(found, game_number, THINGS[game.name], *seen)
     return found
 
 
 def note(
-    found: dict[str, list[tuple[int, int]]],
+    found: dict[str, list[tuple[int, int, int]]],
+    game_number: int,
     things: Mapping[str, Thing],
     numbers: Numbers,
     size: tuple[int, int],
@@ -142,15 +146,26 @@ def note(
         box = choose_box(thing, numbers, size)
         if box is not None:
             drawn, before = (find_shift(true, frame, box) for frame in frames)
-            found[name].append((drawn, before))
+            found[name].append((game_number, drawn, before))
 
 
-def share(hits: NDArray[np.bool_]) -> str:
-    """A share with its interval."""
+def share(hits: NDArray[np.bool_], games: NDArray[np.int64]) -> str:
+    """The share of `hits` with its interval over `games`, the number of each hit's game."""
     if not len(hits):
         return "-"
-    interval = binomtest(int(hits.sum()), len(hits)).proportion_ci(method="wilson")
-    return f"{hits.mean():.1%} [{interval.low:.1%}, {interval.high:.1%}] of {len(hits):,}"
+    _, place = np.unique(games, return_inverse=True)
+    of_game = np.bincount(place, hits), np.bincount(place)
+    text = f"{hits.mean():.1%}"
+    if len(of_game[1]) > 1:
+        drawn = bootstrap(
+            of_game,
+            lambda right, steps, axis=-1: right.sum(axis) / steps.sum(axis),
+            paired=True,
+            method="percentile",
+            rng=np.random.default_rng(0),
+        ).confidence_interval
+        text += f" [{drawn.low:.1%}, {drawn.high:.1%}]"
+    return f"{text} of {len(hits):,} in {len(of_game[1])} games"
 
 
 def main() -> None:
@@ -166,9 +181,10 @@ def main() -> None:
     print(f"| thing | within {options.most} pixels | a copy | where it moved further |")
     print("|---|---|---|---|")
     for name, pairs in found.items():
-        shifts = np.array(pairs, np.int64).reshape(-1, 2)
-        drawn, before = shifts[:, 0] <= options.most, shifts[:, 1] <= options.most
-        print(f"| {name} | {share(drawn)} | {share(before)} | {share(drawn[~before])} |")
+        games, *shifts = np.array(pairs, np.int64).reshape(-1, 3).T
+        drawn, before = (shift <= options.most for shift in shifts)
+        moved = share(drawn[~before], games[~before])
+        print(f"| {name} | {share(drawn, games)} | {share(before, games)} | {moved} |")
 
 
 if __name__ == "__main__":

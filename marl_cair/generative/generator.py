@@ -39,6 +39,7 @@ from marl_cair.replay.transition import (
 )
 
 CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
+ARCHITECTURE = 2  # of the network: raised when weights from before no longer fit
 PICTURE_RATE = 0.4  # of the learning rate: at all of it Multitask was not learned
 WARMUP_UPDATES = 50  # full steps from the start leave a trunk of dead channels
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
@@ -131,7 +132,7 @@ class CCDNGenerator:
         """One optimiser step on `batch` less its held-out rows, of which a share `rare_share` is
         replaced by rare rows that `observe` stored.
 
-        Returns mean losses in nats per row. Raises ValueError as `observe` does.
+        Returns mean losses per row, of boards in nats. Raises ValueError as `observe` does.
         """
         learnable, random = batch[~self._split(batch)], self._generators[TRAINING]
         rare = self._rare.sample(round(self.config.rare_share * len(batch)), random)
@@ -382,7 +383,7 @@ def _read_others(rows: TensorDict) -> Tensor:
 
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
     """Return the settings that networks must be used with."""
-    described = {**asdict(spec), "size": asdict(config.size)}
+    described = {**asdict(spec), "size": asdict(config.size), "architecture": ARCHITECTURE}
     del described["reward_range"]  # clamps predictions, no weights depend on it
     # Tuples become lists, as in saved settings.
     return cast(dict[str, Any], json.loads(json.dumps(described)))

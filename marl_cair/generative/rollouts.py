@@ -157,26 +157,32 @@ def imagine_sequences(
     made = rows[rows["learned"][:, first]].clone()
     if not len(made):
         return made
-    alive, state = made["learned"][:, first].clone(), made["state"][:, 0]
     made["learned"].fill_(False)
     made["starts"][:, first + 1 :] = False
-    transition.mark_generated(made)
-    seen = made["observation"].transpose(0, 1)  # a view
+    made["is_generated"].fill_(True)
+    made["expert_action"].fill_(transition.NO_ACTION)
+    made["opponent"].fill_(transition.NO_OPPONENT)
+    made["index"] = torch.full(made.shape, transition.NO_INDEX)
+    for key in ("observation", "action_mask"):
+        made[key][:, first + 1 :] = made[key][:, first : first + 1]
+    seen, starts = made["observation"].transpose(0, 1), made["starts"].T  # views
+    state, alive = made["state"][:, 0], torch.arange(len(made))
     if first:
-        state = unroll(seen[:first], state, made["starts"].T[:first])[1][-1]
+        state = unroll(seen[:first], state, starts[:first])[1][-1]
     for entry in range(first, first + num_steps):
-        now = slice(entry, entry + 1)
-        values, states = unroll(seen[now], state, made["starts"].T[now])
-        state, legal = states[-1], made["action_mask"][:, entry] | ~alive[:, None]
-        made["action"][:, entry] = masked_argmax(values[0], legal)
-        step = made[:, entry].select("observation", "action_mask", "action")
+        values, states = unroll(seen[entry : entry + 1], state, starts[entry : entry + 1])
+        state = states[-1]
+        step = made[:, entry][alive].select("observation", "action_mask", "action")
+        step["action"] = masked_argmax(values[0, alive], step["action_mask"])
         predicted, accepted = generator.predict(step)
-        made["learned"][:, entry] = alive = alive & accepted
-        made["reward"][:, entry] = predicted[NEXT_REWARD][:, 0].masked_fill(~alive, 0.0)
-        made["terminated"][:, entry] = ends = predicted[transition.NEXT_TERMINATED][:, 0] & alive
-        for key in ("observation", "action_mask"):
-            following = predicted["next", key]
-            known = alive.view(-1, *(1,) * (following.ndim - 1))
-            made[key][:, entry + 1] = torch.where(known, following, made[key][:, entry])
-        alive = alive & ~ends
+        alive, predicted = alive[accepted], predicted[accepted]
+        made["learned"][alive, entry] = True
+        made["action"][alive, entry] = predicted["action"]
+        made["reward"][alive, entry] = predicted[NEXT_REWARD][:, 0]
+        made["terminated"][alive, entry] = ends = predicted[transition.NEXT_TERMINATED][:, 0]
+        for key in ("observation", "action_mask"):  # what is not known repeats the last known entry
+            made[key][alive, entry + 1 :] = predicted["next", key].unsqueeze(1)
+        alive = alive[~ends]
+        if not len(alive):
+            break
     return made[made["learned"].any(1)]

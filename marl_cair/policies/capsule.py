@@ -69,9 +69,7 @@ class CapsuleBody(Body):
 
 def stride_first(config: "QNetworkConfig", shape: Sequence[int]) -> "QNetworkConfig":
     """`config` of a new `capsule` body with the stride of large boards in its first convolution, as
-    `conv` has it: an update at 31x31 then takes 1.03 times that of `conv`, not 1.6 times.
-
-    Agents from before this have it in the second, by `choose_trunk`.
+    `conv` has it, which is quicker. Agents from before have it in the second, by `choose_trunk`.
     """
     is_large = len(shape) == 3 and min(shape[1:]) >= LARGE_BOARD_MIN_SIDE and not is_image(shape)
     if config.body != "capsule" or config.conv_channels or not is_large:

@@ -29,8 +29,9 @@ def make_mixed_replay(
     """
     real, (capacity, seed) = make_replay_buffer(config, spec), ring
     steps = config.sequence_steps
-    generated = GeneratedReplay(spec, capacity, seed)
-    if steps > 1:
+    if steps == 1:
+        generated = GeneratedReplay(spec, capacity, seed)
+    else:
         entries = config.burn_in_steps + steps + 1
         generated = GeneratedSequences(spec, entries, max(1, capacity // steps), seed)
     return MixedReplay(real, generated, *shares, generated_open=False)

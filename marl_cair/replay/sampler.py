@@ -226,8 +226,10 @@ def draw_steps(storage: EpisodeStorage, num_rows: int, generator: torch.Generato
     if storage.sequence_steps == 1:
         return draw_uniformly(storage, num_rows, generator)
     require_sampleable(storage)
-    slots = storage.step_slots()
-    return slots[draw_integers(len(slots), num_rows, generator)]
+    index = draw_integers(len(storage), num_rows, generator)
+    while (rejected := ~storage.has_next(index)).any():
+        index[rejected] = draw_integers(len(storage), int(rejected.sum()), generator)
+    return index
 
 
 def restore_generator(generator: torch.Generator, saved: Mapping[str, Any]) -> None:

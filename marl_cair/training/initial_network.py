@@ -29,13 +29,18 @@ KNOWING_SHARE = 8  # one part in so many of the replay, or of a shorter run, com
 Seen = tuple[str, str, tuple[int, ...], int]  # game, representation, its shape, number of actions
 
 
-def fit_policy(policy: QNetworkConfig, seen: Representation, spec: GameSpec) -> QNetworkConfig:
-    """Complete a network's settings by the game's numbers: strides for the board's size, bounds of
-    a vector's entries, and cells and kinds of the actions.
+def fit_policy(
+    policy: QNetworkConfig, seen: Representation, spec: GameSpec, source: str | None = None
+) -> QNetworkConfig:
+    """Complete a network's settings by the game's numbers: strides for the board's size unless the
+    agent `source`, whose weights it gets, has none, bounds of a vector's entries, and cells and
+    kinds of the actions.
 
     Raises ValueError if actions are to be valued by cells and `seen` does not show them.
     """
-    policy = stride_first(policy.with_bounds(seen.low, seen.high), seen.shape)
+    policy = policy.with_bounds(seen.low, seen.high)
+    if source is None or read_network_config(read_description(source), source).conv_channels:
+        policy = stride_first(policy, seen.shape)
     board = spec.representations.get("planes")
     if policy.reads_cells and board is not None and seen.shape[1:] != board.shape[1:]:
         asked = "policy.cell_values is True" if policy.cell_values else f"policy.head is {NAF!r}"

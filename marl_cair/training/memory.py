@@ -50,7 +50,7 @@ def require_memory_of_run(config: TrainConfig) -> None:
     game, scenario = GAMES[config.game.name], config.game.played_scenario
     spec = game.make_spec(scenario)
     seen = spec.representations[config.game.representation]
-    policy = fit_policy(config.policy, seen, spec)
+    policy = fit_policy(config.policy, seen, spec, config.initial_agent)
     require_memory_of_games(config, game, scenario)
     rows = describe_rows(config, policy, seen, spec)
     require_memory_of_learning(config, policy, seen, rows)

@@ -159,7 +159,8 @@ class TrainingRun:
         )
         self.spec = self.env.engine.spec
         self.seen = self.env.engine.representation(game.representation)
-        self.policy = fit_policy(self.config.policy, self.seen, self.spec)
+        begun = self.config.policy, self.seen, self.spec
+        self.policy = fit_policy(*begun, source=self.config.initial_agent)
 
     def _make_replay(self) -> None:
         config, seen, engine = self.config, self.seen, self.env.engine

@@ -70,11 +70,13 @@ def test_gate_opens_on_deep_line_wars_within_3000_updates():
     generator.observe(rows)
     assert not generator.evaluate().passed
     draws = torch.Generator().manual_seed(0)
-    for number in range(1, 3001):
-        generator.update(rows[torch.randint(rows.shape[0], (64,), generator=draws)])
-        if number % 500 == 0 and generator.evaluate().passed:
-            break
-    assert generator.last_report.reasons == ()
+    passed = []
+    for _ in range(6):
+        for _ in range(500):
+            generator.update(rows[torch.randint(rows.shape[0], (64,), generator=draws)])
+        passed.append(generator.evaluate().passed)
+    assert passed.index(True) <= 4
+    assert all(passed[passed.index(True) :])  # it stays open
     made = generator.generate(rows, 200)
     check_transitions(made, spec.transition)
     assert made.shape[0] > 150

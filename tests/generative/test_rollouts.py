@@ -236,8 +236,8 @@ def test_sequences_end_in_generated_steps_whose_state_is_that_of_the_real_ones_b
     assert [row.index(True) for row in learned] == [3, 3, 3]
     assert [sum(row) for row in learned] == [3, 2, 4]
     assert made["reward"][0, 3:6].tolist() == [1.0, 2.0, 4.0]
-    assert made["reward"][1, 3:7].tolist() == [8.0, 10.0, 0.0, 0.0]
-    assert made["terminated"].nonzero().tolist() == [[1, 4]]
+    assert made["reward"][1, 3:5].tolist() == [8.0, 10.0]
+    assert (made["terminated"] & made["learned"]).nonzero().tolist() == [[1, 4]]
     assert not made["starts"][:, 4:].any()
     assert made["starts"][0, 3]
     assert made["is_generated"].all()

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from benchmarks._networks import save_network
 from marl_cair.checkpoint import (
     CheckpointError,
     load_network,
@@ -21,7 +22,13 @@ from marl_cair.training.generating.generators import GENERATOR_FILE
 from marl_cair.training.initial_network import can_begin_as
 from marl_cair.training.population.league_slice import MemberRecord, _begin, make_member
 from marl_cair.training.run import RESUME_FOLDER, TrainingRun
-from marl_cair.training.settings.config import GameSettings, GeneratorSettings, ReplaySettings
+from marl_cair.training.settings.config import (
+    CollectorSettings,
+    GameSettings,
+    GeneratorSettings,
+    ReplaySettings,
+    TrainConfig,
+)
 from marl_cair.training.settings.learner import NfspSettings
 from tests.damage import forget_checksums
 from tests.training import runs
@@ -51,6 +58,32 @@ def test_a_run_begins_with_the_network_of_an_agent(finished, tmp_path):
     pairs = zip(new.learner.network.parameters(), kept.parameters(), strict=True)
     assert any(not torch.equal(a, b) for a, b in pairs)
     run.close()
+    new.close()
+
+
+@pytest.mark.parametrize("strides", [(), (2, 1)])
+def test_a_capsule_agent_of_a_large_board_is_begun_with_whatever_its_strides(tmp_path, strides):
+    """From before, the stride of large boards was in the second convolution."""
+    channels = (32, 32) if strides else ()
+    sizes = {"body": "capsule", "conv_channels": channels, "conv_strides": strides}
+    games = GameSettings("deep_maze", "25x25-deterministic")
+    agent = save_network(
+        tmp_path / "agent", games.scenario, "planes", QNetworkConfig(**sizes), rules=games.name
+    )
+    config = TrainConfig(
+        out=str(tmp_path / "run"),
+        game=games,
+        policy=QNetworkConfig(body="capsule"),
+        initial_agent=agent,
+        generator=GeneratorSettings("none"),
+        replay=ReplaySettings(1_000, min_transitions=100),
+        collector=CollectorSettings(num_worlds=2),
+    )
+    run = TrainingRun(config)
+    assert run.learner.network.config.conv_strides == strides
+    run.close()
+    new = TrainingRun(dataclasses.replace(config, out=str(tmp_path / "new"), initial_agent=None))
+    assert new.learner.network.config.conv_strides == (2, 1)
     new.close()
 
 

@@ -210,6 +210,10 @@ def test_demonstrations_count_where_steps_are_learned(tmp_path):
             {"generator": GeneratorSettings(), "learner": LearnerSettings(algorithm="pqn")},
             "without replay no generated one has a state: set generator=none, or policy.mem",
         ),
+        (
+            {"generator": GeneratorSettings(), "learner": LearnerSettings(batch_size=16)},
+            "learner.batch_size is 16, it must be so large that some of its 2 sequences are gene",
+        ),
         ({"nfsp": NfspSettings(enabled=True)}, "NFSP's reservoir holds single steps: set nfsp"),
         (
             {"learner": LearnerSettings(batch_size=30)},

@@ -40,14 +40,15 @@ def stack_sources(planes: Tensor, shifts: tuple[tuple[int, int], ...]) -> Tensor
 
 
 def is_picture(spec: GeneratorSpec) -> bool:
-    """Whether planes are grey pictures, not boards: frames, or too large for a board."""
-    return spec.num_frames > 1 or min(spec.num_rows, spec.num_columns) >= LEAST_FRAME
+    """Whether planes are grey pictures, not boards: frames, or one large plane of shades."""
+    is_large = min(spec.num_rows, spec.num_columns) >= LEAST_FRAME
+    return spec.num_frames > 1 or (spec.num_planes == 1 and is_large)
 
 
 def choose_patch(rows: int, columns: int) -> int:
-    """Side of the square patches in which boards are read: 1, but several pixels of frames.
+    """Side of the square patches in which pictures are read: 1 of small ones.
 
-    Raises ValueError for frames that patches do not cover.
+    Raises ValueError for pictures that patches do not cover.
     """
     if min(rows, columns) < LEAST_FRAME:
         return 1

@@ -81,7 +81,7 @@ class CCDN(nn.Module):
         super().__init__()
         self.spec, self.size = spec, size
         self.layers = find_layers(spec)
-        self.patch = choose_patch(spec.num_rows, spec.num_columns)
+        self.patch = choose_patch(spec.num_rows, spec.num_columns) if is_picture(spec) else 1
         num_moving, layers = len(spec.moving_planes), enumerate(self.layers)
         layer_of = {plane: number for number, layer in layers for plane in layer}
         for name, numbers in (
@@ -98,15 +98,16 @@ class CCDN(nn.Module):
         self.painter = None
         if is_picture(spec):
             self.painter = FramePainter(size.channels, num_moving, self.patch)
-        self.choose = nn.Conv2d(size.channels, outputs, 1)
-        # The kind of a purchase is known for the whole board, its place for each cell: the sum of
-        # both logits means "this kind, here" without a channel for each pair.
-        self.choose_all = nn.Linear(hidden, outputs)
+        else:
+            self.choose = nn.Conv2d(size.channels, outputs, 1)
+            # The kind of a purchase is known for the whole board, its place for each cell: the sum
+            # of both logits means "this kind, here" without a channel for each pair.
+            self.choose_all = nn.Linear(hidden, outputs)
+            self.of_cell = nn.Linear(size.channels, hidden)
         # Units that are gone have scored, or fell: what happened is known best from both boards.
         num_known = 3 * size.channels + hidden
         self.compare = nn.Linear(num_known, hidden)
         self.edit_scalars = nn.Linear(hidden, spec.num_uniform) if spec.num_uniform else None
-        self.of_cell = nn.Linear(size.channels, hidden)
         self.value = ValueHead(num_moving + spec.num_uniform, hidden)
         num_known += spec.num_uniform * (3 + size.table_width)
         self.outcome = OutcomeHeads(spec, size, num_known)
@@ -142,12 +143,13 @@ class CCDN(nn.Module):
 
     @torch.no_grad()
     def _begin_with_copies(self) -> None:
-        bias = torch.zeros(len(self.choose_all.bias))
-        bias[: self.num_choices : len(self.size.shifts) + 2] = COPY_BIAS
-        bias[self.num_choices :] = -COPY_BIAS
-        self.choose.weight.mul_(0.3)
-        self.choose_all.weight.mul_(0.1)
-        self.choose_all.bias.copy_(bias)
+        if self.painter is None:
+            bias = torch.zeros(len(self.choose_all.bias))
+            bias[: self.num_choices : len(self.size.shifts) + 2] = COPY_BIAS
+            bias[self.num_choices :] = -COPY_BIAS
+            self.choose.weight.mul_(0.3)
+            self.choose_all.weight.mul_(0.1)
+            self.choose_all.bias.copy_(bias)
         if self.edit_scalars is not None:
             self.edit_scalars.bias.fill_(-COPY_BIAS)
 
@@ -255,7 +257,7 @@ class CCDN(nn.Module):
     def compute_losses(
         self, rows: TensorDict, others: Tensor, weights: Tensor, end_log_odds: float
     ) -> dict[str, Tensor]:
-        """Mean negative log likelihoods of `rows` by head, in nats per row.
+        """Mean losses of `rows` by head: negative log likelihoods in nats per row, but of pictures.
 
         weights: [N], true density of the rows over that in the batch; end_log_odds: see
         `OutcomeHeads.compute_losses`.

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +83,8 @@ def collect_dataset(
         heldout_episodes=0,
     )
     num_worlds = NUM_WORLDS if game.has_snapshots else NUM_OUTSIDE
-    engine = BatchedEngine(game, played, num_worlds)
-    with closing(engine), new_dataset(Path(folder), about) as made:
+    make = partial(BatchedEngine, game, played, num_worlds)
+    with new_dataset(Path(folder), about) as made, closing(make()) as engine:
         sides = [_Side(made.train), _Side(made.heldout)]
         play = Play(engine, representation, agents, seed)
         digests: set[bytes] = set()

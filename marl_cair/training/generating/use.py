@@ -20,13 +20,14 @@ from marl_cair.files import write_atomically
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts, imagine_sequences
 from marl_cair.policies.actor import PolicyActor, masked_argmax
+from marl_cair.replay.sampler import draw_uniformly
 from marl_cair.replay.transition import NEXT_OBSERVATION
 from marl_cair.training.due import count_due, is_due
 from marl_cair.training.generating.picture import NUM_DRAWN, PICTURE_FILE, draw_predictions
 from marl_cair.training.run import TrainingRun
 
 MOST_RETRIES = 3  # then the generator stays off
-MOST_LOSS = 1e6  # nats per row: knowing nothing about a stack of frames costs 160,000
+MOST_LOSS = 1e6  # per row: a frame of 84 x 84 that changes wholly costs 150,000
 FAILURE_FILE = "generator_failure.txt"  # in a run's folder: the last failure
 OBSERVED_ROWS = 1_024  # at a time
 _UNCHECKED = "grad_norm"  # generators skip a step of infinite gradient by themselves
@@ -169,12 +170,13 @@ def _refill(run: TrainingRun, generator: Generator, num_rows: int) -> None:
     if len(made):
         _require_finite_rows(made)
         run.replay.generated.extend(made)
-    run.means.add({"generator/generated_rows": float(len(made))})
+    num_made = made["learned"].sum() if is_recurrent else len(made)
+    run.means.add({"generator/generated_rows": float(num_made)})
 
 
 def _imagine(run: TrainingRun, generator: Generator, num_rows: int) -> TensorDict:
-    """Sequences for networks with memory, of `num_rows` steps at most."""
-    steps, device = run.config.replay.sequence_steps, run.device
+    """Sequences for networks with memory, of about `num_rows` steps, or one."""
+    steps, device, real = run.config.replay.sequence_steps, run.device, run.replay.real
     network = run.learner.average
 
     def unroll(observations: Tensor, state: Tensor, starts: Tensor) -> tuple[Tensor, Tensor]:
@@ -182,10 +184,12 @@ def _imagine(run: TrainingRun, generator: Generator, num_rows: int) -> TensorDic
         values, states = network.unroll(*moved)
         return values.cpu(), states.cpu()
 
+    # Not by priority: generated ones have none.
+    slots = draw_uniformly(real.storage, max(1, num_rows // steps), real.sampler.generator)
     made = imagine_sequences(
         generator,
         unroll,
-        run.replay.real.sample(max(1, num_rows // steps) * steps),
+        real.storage.get(slots),
         min(run.config.generator.branch_steps or steps, steps),
     )
     if len(made):

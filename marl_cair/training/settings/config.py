@@ -359,9 +359,7 @@ class TrainConfig:
     def _check_memory(self) -> None:
         """Raise ValueError for parts that cannot train a network with memory."""
         learner, replay = self.learner, self.replay
-        is_generating = self.generator.name != NO_GENERATOR
-        # Sequences that are generated begin with the state of replayed ones.
-        has_no_state = is_generating and not learner.learns_from_replay
+        has_no_state = self.generator.name != NO_GENERATOR and not learner.learns_from_replay
         reads_steps = not LOSSES[learner.algorithm].READS_SEQUENCES
         for is_refused, reason, instead in (
             (has_no_state, "without replay no generated one has a state", "generator=none"),
@@ -376,15 +374,17 @@ class TrainConfig:
                 )
         if not learner.learns_from_replay:
             return
-        size, steps = learner.batch_size, replay.sequence_steps
+        size, steps, held = learner.batch_size, replay.sequence_steps, replay.capacity_transitions
+        count = size // steps
         allowed = f"a multiple of replay.sequence_steps, which is {steps}, with policy.memory"
         require(size % steps == 0, "learner.batch_size", size, allowed)
-        # Entries of two sequences of each stream, as many of them tails as steps.
+        mixes = 0 < round(count * self.synthetic_fraction) < count or not self.has_generator
+        allowed = f"so large that some of its {count} sequences are generated and some are real"
+        require(mixes, "learner.batch_size", size, allowed)
         streams = self.collector.num_worlds * self.game.spec.num_players
-        least = 2 * streams * (steps + replay.burn_in_steps + 1)
+        least = 2 * streams * (steps + replay.burn_in_steps + 1)  # two, half of them tails
         allowed = f"{least} or more, for the sequences of {streams} seats (policy.memory)"
-        capacity = replay.capacity_transitions
-        require(capacity >= least, "replay.capacity_transitions", capacity, allowed)
+        require(held >= least, "replay.capacity_transitions", held, allowed)
 
     def _check_scenarios(self) -> None:
         """Raise ValueError for an evaluated scenario of other observations or actions."""

@@ -1,0 +1,95 @@
+"""Frames that are painted: a copy at first, then what moves, more than a pixel in a step."""
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from marl_cair.generative import GENERATORS
+from marl_cair.generative.networks.boards import is_picture
+from marl_cair.generative.networks.ccdn import CCDN
+from marl_cair.generative.networks.frames import FramePainter, find_painting_loss, round_shades
+from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec, NetworkSize
+
+SIDE, SIZE = 64, NetworkSize(channels=8, depth=2, hidden=16)
+SPEC = GeneratorSpec((2, SIDE, SIDE), 2, num_uniform=0, noop_action=0, num_frames=2, tolerance=8)
+
+
+def draw_rows(num, generator):
+    """A bright square that action 1 moves three pixels to the right, action 0 to the left."""
+    place = torch.randint(10, SIDE - 20, (num,), generator=generator)
+    action = torch.randint(2, (num,), generator=generator)
+    columns = torch.arange(SIDE)
+
+    def paint(left):
+        inside = (columns >= left[:, None]) & (columns < left[:, None] + 8)
+        frames = torch.full((num, SIDE, SIDE), 40, dtype=torch.uint8)
+        frames[:, 20:28] = torch.where(inside, 200, 40).to(torch.uint8)[:, None]
+        return frames
+
+    now, then = paint(place), paint(place + 6 * action - 3)
+    seen = torch.stack([now, now], 1)
+    following = torch.stack([now, then], 1)  # the newest replaces the newest
+    mask, zeros = torch.ones(num, 2, dtype=torch.bool), torch.zeros(num, 1)
+    ends = torch.zeros(num, 1, dtype=torch.bool)
+    after = {"observation": following, "action_mask": mask, "reward": zeros, "terminated": ends}
+    return TensorDict(
+        {"observation": seen, "action_mask": mask, "action": action, "next": after}, [num]
+    )
+
+
+def make_network():
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        return CCDN(SPEC, SIZE)
+
+
+def test_at_first_the_frame_is_copied():
+    rows = draw_rows(4, torch.Generator().manual_seed(0))
+    following, surety, _ = make_network().decode(rows, torch.zeros(4, 0, dtype=torch.int64), None)
+    assert torch.equal(following, rows["observation"])
+    assert surety.isfinite().all()
+
+
+def test_moves_of_three_pixels_are_learned():
+    network, random = make_network(), torch.Generator().manual_seed(0)
+    optimizer = torch.optim.Adam(network.parameters(), 4e-3)
+    others = torch.zeros(32, 0, dtype=torch.int64)
+    for _ in range(250):
+        losses = network.compute_losses(draw_rows(32, random), others, torch.ones(32), 0.0)
+        optimizer.zero_grad()
+        losses["cells"].backward()
+        optimizer.step()
+    rows = draw_rows(32, torch.Generator().manual_seed(1))
+    drawn = network.decode(rows, others, None)[0][:, -1].int()
+    now, then = (part[:, -1].int() for part in (rows["observation"], rows["next", "observation"]))
+    changed = (now - then).abs() > 8
+    assert ((drawn - then).abs() < 80)[changed].float().mean() > 0.8  # of 160 shades
+    assert ((drawn - then).abs() <= 8)[~changed].float().mean() > 0.95
+
+
+def test_changed_pixels_weigh_more_and_doubt_follows_the_error():
+    painter = FramePainter(3, 1, 2)
+    now = torch.zeros(1, 1, 4, 4, dtype=torch.uint8)
+    painting = painter(torch.rand(1, 3, 2, 2), now)
+    assert torch.equal(round_shades(painting)[0], now)
+    one, far = now.clone(), now.clone()
+    one[..., 0, 0], far[..., 0, 0] = 8, 9
+    losses = [find_painting_loss(painting, now, later, 8).item() for later in (now, one, far)]
+    assert losses[2] - losses[0] > 15 * (losses[1] - losses[0]) > 0
+    sure = painting._replace(scale=torch.full_like(painting.scale, 0.01))
+    wrong = torch.full_like(now, 255)
+    doubts = [find_painting_loss(each, now, wrong, 255) for each in (painting, sure)]
+    assert doubts[1] > doubts[0]  # to be sure and wrong costs more
+    assert round_shades(sure)[1] > round_shades(painting)[1]
+
+
+def test_boards_are_no_pictures_however_large():
+    board = GeneratorSpec((3, 64, 64), 2, num_uniform=1, noop_action=0)
+    assert not is_picture(board)
+    assert CCDN(board, SIZE).painter is None
+    assert is_picture(GeneratorSpec((1, 84, 84), 2, num_uniform=0, noop_action=0))
+
+
+def test_the_adversarial_generator_refuses_pictures():
+    with pytest.raises(ValueError, match="ccgan, which judges boards, but these rows are pictures"):
+        GENERATORS.make("ccgan", GeneratorConfig(size=SIZE), SPEC)

@@ -73,13 +73,13 @@ def test_a_generator_learns_from_the_frames_of_multitask_and_resumes(tmp_path):
     config = compose(
         tmp_path / "run",
         *("recipe=flash", "evaluation.every_frames=1000000", "generator.batch_size=8"),
-        *("generator.frames_per_update=8", "generator.model.size.channels=8"),
+        *("generator.frames_per_update=2", "generator.model.size.channels=8"),
     )
     assert config.game.representation == "gray_stack"
     first = train(config, until_frames=192).last_row
     last = train(config, resume=True).last_row
     assert last["generator/cells"] < 0.95 * first["generator/cells"]  # mean losses of each part
-    assert last["generator/reward"] < 0.5 * first["generator/reward"]
+    assert last["generator/reward"] < 0.9 * first["generator/reward"]
     assert last["generator/failures"] == 0
 
 

@@ -11,8 +11,6 @@ the best of the repeats counts. `torch.compile` needs a C++ compiler. Prints a M
 from __future__ import annotations
 
 import argparse
-import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -21,6 +19,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from benchmarks._timing import best_in_turns
 from marl_cair.games import GAMES
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
@@ -60,16 +59,15 @@ VARIANTS = {
 }
 
 
-def make_update(variant: Variant) -> Callable[[], None]:
-    """A function that does one update of random rows."""
-    spec = GAMES["deep_line_wars"].make_spec(GAMES["deep_line_wars"].scenario("10x15"))
-    shape, batch = spec.representations["planes"].shape, variant.batch
+def make_update(variant: Variant, shape: tuple[int, ...], num_actions: int) -> Callable[[], None]:
+    """A function that does one update of random rows, uint8 of `shape`."""
+    batch = variant.batch
     network, target = (
-        make_q_network(variant.network, shape, spec.num_actions, seed) for seed in range(2)
+        make_q_network(variant.network, shape, num_actions, seed) for seed in range(2)
     )
     optimizer = torch.optim.Adam(network.parameters(), fused=variant.fused or None)
     rows = torch.randint(0, 256, (2 * batch, *shape), dtype=torch.uint8)
-    action = torch.randint(spec.num_actions, (batch, 1))
+    action = torch.randint(num_actions, (batch, 1))
 
     def find_loss(rows: Tensor) -> Tensor:
         now, following = rows.chunk(2)
@@ -108,14 +106,10 @@ def main() -> None:
     variants = {
         name: replace(one, batch=round(one.batch * factor)) for name, one in VARIANTS.items()
     }
-    updates = {name: make_update(one) for name, one in variants.items()}
-    best = dict.fromkeys(updates, math.inf)
-    for number in range(options.repeats + 2):  # the first ones compile
-        for name, update in updates.items():
-            start = time.process_time()
-            update()
-            taken = time.process_time() - start
-            best[name] = min(best[name], taken) if number > 1 else math.inf
+    spec = GAMES["deep_line_wars"].make_spec(GAMES["deep_line_wars"].scenario("10x15"))
+    seen = spec.representations["planes"].shape, spec.num_actions
+    updates = {name: make_update(one, *seen) for name, one in variants.items()}
+    best = best_in_turns(updates, options.repeats, warm_up=2)  # the first ones compile
     print(f"| change | ms for {options.batch} rows | times as fast |")
     print("|---|---|---|")
     each = {name: best[name] * options.batch / one.batch for name, one in variants.items()}

@@ -150,8 +150,8 @@ def imagine_sequences(
     values most, and a sequence stops at its end, and before a prediction that is rejected: of the
     M returned, each has one generated step or more, and these alone are "learned".
 
-    rows: as `replay.sequences.read_sequences`; where the first of these steps is not "learned", a
-    sequence is left out. num_steps: 1..T - 1.
+    rows: as `EpisodeReplayBuffer.sample` gives them; where the first of these steps is not
+    "learned", a sequence is left out. num_steps: 1..T - 1.
     """
     first = rows.shape[1] - 1 - num_steps
     made = rows[rows["learned"][:, first]].clone()
@@ -159,10 +159,7 @@ def imagine_sequences(
         return made
     made["learned"].fill_(False)
     made["starts"][:, first + 1 :] = False
-    made["is_generated"].fill_(True)
-    made["expert_action"].fill_(transition.NO_ACTION)
-    made["opponent"].fill_(transition.NO_OPPONENT)
-    made["index"] = torch.full(made.shape, transition.NO_INDEX)
+    transition.mark_generated(made)
     for key in ("observation", "action_mask"):
         made[key][:, first + 1 :] = made[key][:, first : first + 1]
     seen, starts = made["observation"].transpose(0, 1), made["starts"].T  # views

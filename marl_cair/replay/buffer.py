@@ -1,6 +1,7 @@
 """Replay buffer of real transitions: a storage of episodes and a sampler."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from marl_cair.replay.sampler import (
     Sampler,
     UniformSampler,
     draw_steps,
+    draw_uniformly,
 )
 from marl_cair.replay.storage import EpisodeStorage
 from marl_cair.replay.transition import TransitionSpec
@@ -97,10 +99,17 @@ class EpisodeReplayBuffer:
         """
         num_steps = self.batch_size if batch_size is None else batch_size
         num_rows = num_steps // self.storage.sequence_steps
-        index, info = self.sampler.sample(self.storage, num_rows)
+        return self._read(*self.sampler.sample(self.storage, num_rows))
+
+    def sample_uniformly(self, num_rows: int) -> TensorDict:
+        """Sample transitions [num_rows] or sequences [num_rows, T] as `sample`, not by priority."""
+        return self._read(draw_uniformly(self.storage, num_rows, self.sampler.generator), {})
+
+    def _read(self, index: torch.Tensor, info: Mapping[str, torch.Tensor]) -> TensorDict:
+        """What starts at slots `index`, with further fields [N] of it."""
         batch = self.storage.get(index)
         for name, value in {"index": index, **info}.items():
-            batch[name] = value.view(num_rows, *(1,) * (batch.ndim - 1)).expand(batch.shape)
+            batch[name] = value.view(len(index), *(1,) * (batch.ndim - 1)).expand(batch.shape)
         return batch
 
     def sample_steps(self, num_rows: int, num_steps: int = 1) -> TensorDict:

@@ -55,12 +55,11 @@ class GeneratedReplay:
         Raises ValueError as `check_transitions` does.
         """
         stored = self._read(rows)
-        rows = rows[-self.capacity :]
-        first = self._num_written
-        slots = torch.arange(first, first + len(rows)) % self.capacity
+        after = self._num_written + min(len(rows), self.capacity)
+        slots = torch.arange(self._num_written, after) % self.capacity
         for key, field in self._ring.items():
             field[slots] = stored[key][-self.capacity :].detach()
-        self._num_written += len(rows)
+        self._num_written = after
 
     def _read(self, rows: TensorDict) -> Rows:
         """The fields to store of `rows`, checked."""
@@ -87,18 +86,10 @@ class GeneratedReplay:
         """Rows [N] with all labels, from what is stored of them."""
         num_rows, num_others = len(stored[transition.ACTION]), self.spec.num_others
         unknown = torch.full((num_rows, num_others), transition.UNKNOWN_ACTION)
-        return transition.make_tensordict(
-            {
-                **stored,
-                transition.IS_GENERATED: torch.ones(num_rows, 1, dtype=torch.bool),
-                transition.EXPERT_ACTION: torch.full((num_rows,), transition.NO_ACTION),
-                transition.OPPONENT: torch.full(
-                    (num_rows,), transition.NO_OPPONENT, dtype=torch.int16
-                ),
-                transition.INDEX: torch.full((num_rows,), transition.NO_INDEX),
-                **({transition.OTHER_ACTIONS: unknown} if num_others else {}),
-            }
-        )
+        labels = {transition.IS_GENERATED: torch.ones(num_rows, 1, dtype=torch.bool)}
+        others = {transition.OTHER_ACTIONS: unknown} if num_others else {}
+        labels |= _make_labels((num_rows,)) | others
+        return transition.make_tensordict({**stored, **labels})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the ring to folder `path` and replace an older one; no pickle."""
@@ -139,16 +130,14 @@ class GeneratedReplay:
 
 
 class GeneratedSequences(GeneratedReplay):
-    """Ring of the newest `capacity` generated sequences of `num_entries` entries T.
+    """Ring of the newest `capacity` generated sequences of `entries` entries T.
 
     `extend` takes and `sample` returns TensorDict [N, T] with the keys of
     `sequences.read_sequences`.
     """
 
-    def __init__(
-        self, spec: TransitionSpec, num_entries: int, capacity: int, seed: int = 0
-    ) -> None:
-        self.num_entries = num_entries
+    def __init__(self, spec: TransitionSpec, entries: int, capacity: int, seed: int = 0) -> None:
+        self.num_entries = entries
         super().__init__(spec, capacity, seed)
 
     def _fields(self) -> dict[Key, tuple[torch.dtype, tuple[int, ...]]]:
@@ -166,18 +155,23 @@ class GeneratedSequences(GeneratedReplay):
 
     def _label(self, stored: Rows) -> TensorDict:
         batch = stored[LEARNED].shape
-        labels = {
-            transition.IS_GENERATED: torch.ones(batch, dtype=torch.bool),
-            transition.EXPERT_ACTION: torch.full(batch, transition.NO_ACTION),
-            transition.OPPONENT: torch.full(batch, transition.NO_OPPONENT, dtype=torch.int16),
-            transition.INDEX: torch.full(batch, transition.NO_INDEX),
-            STATE: stored[STATE].unsqueeze(1).expand(*batch, -1),
-        }
-        return TensorDict({**stored, **labels}, batch)
+        labels = {transition.IS_GENERATED: torch.ones(batch, dtype=torch.bool)}
+        labels |= _make_labels(batch)
+        state = stored[STATE].unsqueeze(1).expand(*batch, -1)
+        return TensorDict({**stored, **labels, STATE: state}, batch)
 
     def _layout(self) -> dict[str, object]:
         sizes = {"num_entries": self.num_entries, "state_size": self.spec.state_size}
         return {**super()._layout(), **sizes}
+
+
+def _make_labels(batch: tuple[int, ...]) -> dict[Key, Tensor]:
+    """What generated rows [*batch] have in place of a demonstrator, an opponent and a slot."""
+    return {
+        transition.EXPERT_ACTION: torch.full(batch, transition.NO_ACTION),
+        transition.OPPONENT: torch.full(batch, transition.NO_OPPONENT, dtype=torch.int16),
+        transition.INDEX: torch.full(batch, transition.NO_INDEX),
+    }
 
 
 def _file_name(key: Key) -> str:

@@ -5,7 +5,7 @@ PrioritizedSampler needs a compiled extension that its wheels lack with this ver
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -210,12 +210,7 @@ def draw_uniformly(
     if storage.num_sampleable < _LIST_BELOW * len(storage):
         slots = storage.sampleable_slots()
         return slots[draw_integers(len(slots), num_rows, generator)]
-    index = draw_integers(len(storage), num_rows, generator)
-    rejected = ~storage.is_sampleable(index)
-    while rejected.any():
-        index[rejected] = draw_integers(len(storage), int(rejected.sum()), generator)
-        rejected = ~storage.is_sampleable(index)
-    return index
+    return _draw_where(storage.is_sampleable, len(storage), num_rows, generator)
 
 
 def draw_steps(storage: EpisodeStorage, num_rows: int, generator: torch.Generator) -> torch.Tensor:
@@ -226,9 +221,16 @@ def draw_steps(storage: EpisodeStorage, num_rows: int, generator: torch.Generato
     if storage.sequence_steps == 1:
         return draw_uniformly(storage, num_rows, generator)
     require_sampleable(storage)
-    index = draw_integers(len(storage), num_rows, generator)
-    while (rejected := ~storage.has_next(index)).any():
-        index[rejected] = draw_integers(len(storage), int(rejected.sum()), generator)
+    return _draw_where(storage.has_next, len(storage), num_rows, generator)
+
+
+def _draw_where(
+    fits: Callable[[torch.Tensor], torch.Tensor], bound: int, num: int, generator: torch.Generator
+) -> torch.Tensor:
+    """Draw int64 [num] from 0..bound - 1, again where `fits` is false of them."""
+    index = draw_integers(bound, num, generator)
+    while (rejected := ~fits(index)).any():
+        index[rejected] = draw_integers(bound, int(rejected.sum()), generator)
     return index
 
 

@@ -161,9 +161,7 @@ class EpisodeStorage:
         return torch.from_numpy(self._ring.state_row[index.numpy()] != NO_START)
 
     def step_slots(self) -> torch.Tensor:
-        """All slots that start a transition, ascending, int64: not only those that can be sampled,
-        where sequences are.
-        """
+        """All slots that start a transition, ascending: int64 [N]."""
         return self.has_next(torch.arange(len(self))).nonzero()[:, 0]
 
     def has_next(self, index: torch.Tensor) -> torch.Tensor:

@@ -297,7 +297,7 @@ class CCDN(nn.Module):
     ) -> Tensor:
         """Loss [N] of the predicted `board`, of which `later` is true, uint8 [N, P, H, W]."""
         if isinstance(board, Painting):
-            return find_painting_loss(board, encoding.planes, later, self.spec.tolerance)
+            return find_painting_loss(board, encoding.planes, later, self.spec)
         choices = board
         logits = choices.of_cells + choices.of_boards[..., None, None]
         shifts = self.size.shifts

@@ -12,6 +12,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from marl_cair.generative.quality import differ
+from marl_cair.generative.settings import GeneratorSpec
+
 CHANGED_WEIGHT = 20.0  # of a pixel that changes, beside 1: few do
 SMOOTH = 0.02  # of full white: smaller errors count squared
 LEAST_SCALE = 1.0 / 510.0  # half a shade
@@ -44,14 +47,14 @@ class FramePainter(nn.Module):
         return Painting(shades, LEAST_SCALE + functional.softplus(doubt))
 
 
-def find_painting_loss(painting: Painting, now: Tensor, later: Tensor, tolerance: int) -> Tensor:
+def find_painting_loss(
+    painting: Painting, now: Tensor, later: Tensor, spec: GeneratorSpec
+) -> Tensor:
     """Loss [N] of the next planes, uint8 [N, P, H, W] as `now`: Huber, with more weight where
-    they differ from `now` by more than `tolerance`, and the negative log likelihood of Laplace
-    errors for the scale.
+    they differ visibly from `now`, and the negative log likelihood of Laplace errors for the scale.
     """
     wanted = later.float() / 255.0
-    changed = (now.int() - later.int()).abs() > tolerance
-    weight = 1.0 + CHANGED_WEIGHT * changed.float()
+    weight = 1.0 + CHANGED_WEIGHT * differ(now, later, spec).float()
     huber = functional.smooth_l1_loss(painting.shades, wanted, beta=SMOOTH, reduction="none")
     error = (painting.shades.detach() - wanted).abs()
     doubt = error / painting.scale + (2.0 * painting.scale).log()

@@ -20,7 +20,6 @@ from marl_cair.files import write_atomically
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts, imagine_sequences
 from marl_cair.policies.actor import PolicyActor, masked_argmax
-from marl_cair.replay.sampler import draw_uniformly
 from marl_cair.replay.transition import NEXT_OBSERVATION
 from marl_cair.training.due import count_due, is_due
 from marl_cair.training.generating.picture import NUM_DRAWN, PICTURE_FILE, draw_predictions
@@ -176,7 +175,7 @@ def _refill(run: TrainingRun, generator: Generator, num_rows: int) -> None:
 
 def _imagine(run: TrainingRun, generator: Generator, num_rows: int) -> TensorDict:
     """Sequences for networks with memory, of about `num_rows` steps, or one."""
-    steps, device, real = run.config.replay.sequence_steps, run.device, run.replay.real
+    steps, device = run.config.replay.sequence_steps, run.device
     network = run.learner.average
 
     def unroll(observations: Tensor, state: Tensor, starts: Tensor) -> tuple[Tensor, Tensor]:
@@ -184,12 +183,10 @@ def _imagine(run: TrainingRun, generator: Generator, num_rows: int) -> TensorDic
         values, states = network.unroll(*moved)
         return values.cpu(), states.cpu()
 
-    # Not by priority: generated ones have none.
-    slots = draw_uniformly(real.storage, max(1, num_rows // steps), real.sampler.generator)
     made = imagine_sequences(
         generator,
         unroll,
-        real.storage.get(slots),
+        run.replay.real.sample_uniformly(max(1, num_rows // steps)),
         min(run.config.generator.branch_steps or steps, steps),
     )
     if len(made):

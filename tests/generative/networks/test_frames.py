@@ -74,11 +74,11 @@ def test_changed_pixels_weigh_more_and_doubt_follows_the_error():
     assert torch.equal(round_shades(painting)[0], now)
     one, far = now.clone(), now.clone()
     one[..., 0, 0], far[..., 0, 0] = 8, 9
-    losses = [find_painting_loss(painting, now, later, 8).item() for later in (now, one, far)]
+    losses = [find_painting_loss(painting, now, later, SPEC).item() for later in (now, one, far)]
     assert losses[2] - losses[0] > 15 * (losses[1] - losses[0]) > 0
     sure = painting._replace(scale=torch.full_like(painting.scale, 0.01))
     wrong = torch.full_like(now, 255)
-    doubts = [find_painting_loss(each, now, wrong, 255) for each in (painting, sure)]
+    doubts = [find_painting_loss(each, now, wrong, SPEC) for each in (painting, sure)]
     assert doubts[1] > doubts[0]  # to be sure and wrong costs more
     assert round_shades(sure)[1] > round_shades(painting)[1]
 

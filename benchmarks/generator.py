@@ -43,6 +43,7 @@ LEARNER_ROWS, GENERATOR_ROWS = 128, 32
 SIDE = 1_024  # of the matrices that show what the machine reaches
 OPEN = GateConfig(
     min_changed_f1=0.0,
+    min_change_explained=-math.inf,
     min_reward_explained=-math.inf,
     max_reward_mae_if_constant=math.inf,
     min_terminal_auc=0.0,

@@ -9,7 +9,7 @@ likelihood stays the main loss: its weight is 1, that of the adversarial one is 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict
@@ -18,7 +18,7 @@ from torch.nn import functional
 from torch.nn.utils.parametrizations import spectral_norm
 
 from marl_cair.generative.generator import TRAINING, CCDNGenerator
-from marl_cair.generative.networks.boards import stack_sources
+from marl_cair.generative.networks.boards import is_picture, stack_sources
 from marl_cair.generative.networks.ccdn import CCDN
 from marl_cair.generative.networks.gradients import score_board
 from marl_cair.generative.rare import Correction
@@ -56,12 +56,12 @@ class CCGANGenerator(CCDNGenerator):
     """A CCDN that also learns to deceive a discriminator; gate and use are those of `ccdn`."""
 
     def __init__(self, config: GeneratorConfig, spec: GeneratorSpec) -> None:
-        super().__init__(config, spec)
-        if self.network.painter is not None:
+        if is_picture(spec):
             raise ValueError(
                 "generator.name is ccgan, which judges boards, but these rows are pictures: use "
                 "ccdn, or representation=planes"
             )
+        super().__init__(config, spec)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed + 1)
             self.discriminator = Discriminator(spec, config.adversarial.channels)
@@ -73,9 +73,9 @@ class CCGANGenerator(CCDNGenerator):
     ) -> dict[str, Tensor]:
         """Losses of the network; first one step of the discriminator on the same rows."""
         losses = super()._compute_losses(rows, others, correction)
-        network, spec = self.network, self.spec
+        network, spec = cast(CCDN, self.network), self.spec
         before = rows["observation"][:, : spec.num_spatial].float() / 255.0
-        seen = before, before[:, network.moving], network.kinds[rows["action"]]
+        seen = before, before[:, network.moving], network.actions.kinds[rows["action"]]
         fake, real = self._sample_boards(network, rows, others)
         judge = self.discriminator
         hinge = functional.relu(1.0 - judge(*seen[:2], real, seen[2])).mean()

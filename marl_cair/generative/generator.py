@@ -25,7 +25,9 @@ from marl_cair.generative.heldout import (
     is_heldout,
     make_empty_transitions,
 )
+from marl_cair.generative.networks.boards import is_picture
 from marl_cair.generative.networks.ccdn import CCDN
+from marl_cair.generative.networks.frames import FrameCCDN
 from marl_cair.generative.quality import Imagined
 from marl_cair.generative.rare import Correction, RareCounts
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
@@ -39,8 +41,7 @@ from marl_cair.replay.transition import (
 )
 
 CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
-ARCHITECTURE = 2  # of the network: raised when weights from before no longer fit
-PICTURE_RATE = 0.4  # of the learning rate: at all of it Multitask was not learned
+ARCHITECTURE = 3  # of the network: raised when weights from before no longer fit
 WARMUP_UPDATES = 50  # full steps from the start leave a trunk of dead channels
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
 TRAINING, _GENERATING, _EVALUATING = range(3)
@@ -99,13 +100,11 @@ class CCDNGenerator:
         # torch's layers draw their initial weights from the global generator.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
-            self.network = CCDN(spec, config.size)
+            self.network = (FrameCCDN if is_picture(spec) else CCDN)(spec, config.size)
         # Predictions come from a moving average of the weights.
         self.average = copy.deepcopy(self.network)
-        share = PICTURE_RATE if self.network.painter else 1.0
-        self.learning_rate = share * config.learning_rate
         weights = self.network.parameters()
-        self.optimizer = torch.optim.Adam(weights, lr=self.learning_rate, fused=True)
+        self.optimizer = torch.optim.Adam(weights, lr=config.learning_rate, fused=True)
         self.num_updates = 0
         self.last_report: GateReport | None = None
         self._counts = RareCounts()
@@ -162,7 +161,7 @@ class CCDNGenerator:
         norm = nn.utils.clip_grad_norm_(network.parameters(), self.config.max_grad_norm)
         for group in optimizer.param_groups:
             warm = min(1.0, (self.num_updates + 1) / WARMUP_UPDATES)
-            group["lr"] = warm * self.learning_rate
+            group["lr"] = warm * self.config.learning_rate
         # One bad batch must not turn all weights into NaN.
         if bool(torch.isfinite(norm)):
             optimizer.step()
@@ -177,7 +176,7 @@ class CCDNGenerator:
         return self.network.compute_losses(rows, others, *correction)
 
     def _move(self, rows: TensorDict) -> TensorDict:
-        device = self.network.curve.device
+        device = self.network.outcome.reward_units.device
         return rows if device.type == "cpu" else rows.to(device, non_blocking=True)
 
     @torch.no_grad()
@@ -223,9 +222,13 @@ class CCDNGenerator:
         rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])
         made = self.imagine(rows)
         metrics = quality.measure_rows(rows, made, self.spec)
-        metrics |= self._measure_rare()
+        rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
+        made_rare, is_rare = self.imagine(rare), self._find_rare(rare["next", "reward"][:, 0])
+        going_on = made.end[~rows["next", "terminated"][:, 0]]
+        metrics |= measure_rare(rare, made_rare, is_rare, going_on)
         half = len(rows) // 2
-        acceptance = tune_acceptance(made.select(slice(half)), metrics, gate)
+        ends = made_rare.end[rare["next", "terminated"][:, 0]]
+        acceptance = tune_acceptance(made.select(slice(half)), ends, metrics, gate)
         tested, rest = rows[half:], made.select(slice(half, None))
         accepted = acceptance.accept(rest, self._find_rare(rest.reward))
         metrics |= quality.measure_acceptance(tested, rest, self.spec, accepted)
@@ -233,11 +236,6 @@ class CCDNGenerator:
         reasons = check_quality(metrics, gate.loosen() if is_open else gate)
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
         return self.last_report
-
-    def _measure_rare(self) -> dict[str, float]:
-        rows = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
-        rare = self._find_rare(rows["next", "reward"][:, 0])
-        return measure_rare(rows, self.imagine(rows), rare, self.config.gate.certain_terminal)
 
     def _find_rare(self, rewards: Tensor) -> Tensor:
         return self._counts.find_rare(rewards, torch.zeros_like(rewards, dtype=torch.bool))

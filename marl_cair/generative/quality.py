@@ -43,13 +43,15 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     moved_precision: share of the predicted moves whose cell does hold a value. exact: whole
     observations.
     """
-    numbers = _measure_cells(rows, made.observation, spec)
     ends = rows["next", "terminated"].squeeze(-1)
+    numbers: dict[str, float] = {}
+    if (goes_on := ~ends).any():  # what is seen after an end is never used
+        numbers |= _measure_cells(rows[goes_on], made.observation[goes_on], spec)
     common = ~ends & (made.end < 0.5)  # what is wrong about ends is measured apart
     if common.any():
         numbers |= _measure_reward(rows["next", "reward"][common, 0], made.reward[common])
     numbers |= measure_ends(ends, made.end)
-    if (goes_on := ~ends).any():
+    if goes_on.any():
         real, guess = rows["next", "action_mask"][goes_on], made.action_mask[goes_on]
         numbers["mask/accuracy"] = _share(real == guess)
         numbers["mask/copy_accuracy"] = _share(real == rows["action_mask"][goes_on])
@@ -71,6 +73,8 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
     if changed.any():
         total = (changed.sum() + predicted.sum()).clamp_min(1)
         numbers["cells/changed_f1"] = float(2.0 * hits / total)
+    if spec.tolerance:
+        numbers["cells/change_explained"] = 1.0 - _find_error(guess, real) / _find_error(now, real)
     moved = find_moves(now[:, moving], real[:, moving])
     if moved.any():
         numbers["cells/moved"] = _share((guess[:, moving] > 0)[moved])
@@ -87,6 +91,11 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
         numbers[f"plane_{plane}/accuracy"] = accuracy[plane]
         numbers[f"plane_{plane}/copy_accuracy"] = copies[plane]
     return numbers
+
+
+def _find_error(values: Tensor, others: Tensor) -> float:
+    """The sum of squared differences, not 0."""
+    return max(1.0, float((values.float() - others.float()).square().sum()))
 
 
 def differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:

@@ -27,7 +27,7 @@ def judge(generator, rows):
     network, others = generator.network, torch.zeros(len(rows), 0, dtype=torch.int64)
     before = rows["observation"][:, : SPEC.num_spatial].float() / 255.0
     seen = before, before[:, network.moving]
-    kinds = network.kinds[rows["action"]]
+    kinds = network.actions.kinds[rows["action"]]
     with torch.no_grad():
         boards = generator._sample_boards(network, rows, others)
         return [float(generator.discriminator(*seen, board, kinds).mean()) for board in boards]

@@ -56,7 +56,7 @@ def test_gate_refuses_an_untrained_generator(real_rows):
     report = train(real_rows, real_rows, 0).evaluate()
     assert not report.passed
     found = " / ".join(report.reasons)
-    for reason in ("changed-cell F1 0.", "explained share of reward", "overlooked ends"):
+    for reason in ("changed-cell F1 0.", "explained share of reward", "end AUC"):
         assert reason in found
 
 

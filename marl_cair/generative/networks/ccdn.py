@@ -9,7 +9,7 @@
 The thesis multiplies a state stream and an action stream, reduced to one vector. Here the product
 is taken at every cell, without a bottleneck, and the next state is predicted directly: planes of
 one event (`boards.find_layers`) take over the values of one cell, and few values are edited.
-Pictures are read in patches of pixels, and the next one is painted (`frames.FramePainter`).
+Pictures have another network (`frames.FrameCCDN`).
 """
 
 from __future__ import annotations
@@ -21,14 +21,9 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from marl_cair.generative.networks.boards import choose_patch, find_layers, is_picture
+from marl_cair.generative.networks.actions import ActionReader
+from marl_cair.generative.networks.boards import find_layers
 from marl_cair.generative.networks.decoding import decode_board
-from marl_cair.generative.networks.frames import (
-    FramePainter,
-    Painting,
-    find_painting_loss,
-    round_shades,
-)
 from marl_cair.generative.networks.gradients import apply_curves, score_board
 from marl_cair.generative.networks.outcome import Outcome, OutcomeHeads, OutcomeInput, pool
 from marl_cair.generative.networks.values import NUM_VALUES, ValueHead
@@ -73,7 +68,6 @@ class CCDN(nn.Module):
     """
 
     moving: Tensor
-    kinds: Tensor
     cells: Tensor
     layer_of: Tensor
 
@@ -81,13 +75,10 @@ class CCDN(nn.Module):
         super().__init__()
         self.spec, self.size = spec, size
         self.layers = find_layers(spec)
-        self.patch = choose_patch(spec.num_rows, spec.num_columns) if is_picture(spec) else 1
         num_moving, layers = len(spec.moving_planes), enumerate(self.layers)
         layer_of = {plane: number for number, layer in layers for plane in layer}
         for name, numbers in (
             ("moving", spec.moving_planes),
-            # The last ones are of unknown actions.
-            ("kinds", (*spec.kinds, spec.num_kinds)),
             ("cells", (*spec.cells, NO_CELL)),
             ("layer_of", [layer_of[plane] for plane in range(num_moving)]),
         ):
@@ -95,15 +86,11 @@ class CCDN(nn.Module):
         self.num_choices = len(self.layers) * (len(size.shifts) + 2)
         self._make_trunk()
         outputs, hidden = self.num_choices + num_moving, size.hidden
-        self.painter = None
-        if is_picture(spec):
-            self.painter = FramePainter(size.channels, num_moving, self.patch)
-        else:
-            self.choose = nn.Conv2d(size.channels, outputs, 1)
-            # The kind of a purchase is known for the whole board, its place for each cell: the sum
-            # of both logits means "this kind, here" without a channel for each pair.
-            self.choose_all = nn.Linear(hidden, outputs)
-            self.of_cell = nn.Linear(size.channels, hidden)
+        self.choose = nn.Conv2d(size.channels, outputs, 1)
+        # The kind of a purchase is known for the whole board, its place for each cell: the sum of
+        # both logits means "this kind, here" without a channel for each pair.
+        self.choose_all = nn.Linear(hidden, outputs)
+        self.of_cell = nn.Linear(size.channels, hidden)
         # Units that are gone have scored, or fell: what happened is known best from both boards.
         num_known = 3 * size.channels + hidden
         self.compare = nn.Linear(num_known, hidden)
@@ -117,18 +104,16 @@ class CCDN(nn.Module):
     def _make_trunk(self) -> None:
         spec, size = self.spec, self.size
         channels, hidden, uniform = size.channels, size.hidden, spec.num_uniform
-        embedded = size.action_embedding
-        self.act = nn.Embedding(spec.num_kinds, embedded)
-        self.others = nn.Embedding(spec.num_kinds + 1, embedded)
+        self.actions = ActionReader(spec, size)
         self.tables = nn.Embedding(max(1, uniform) * NUM_VALUES, size.table_width)
-        self.enter = nn.Linear(2 * embedded + uniform * (1 + size.table_width), hidden)
+        self.enter = nn.Linear(self.actions.num_features + uniform * (1 + size.table_width), hidden)
         self.film = nn.Linear(hidden, 4 * channels)
         # What a value means is learned for each plane: health, progress, count.
         values = (torch.arange(NUM_VALUES) / 255.0).sqrt()  # a wounded unit stays visible
         self.curve = nn.Parameter(values.repeat(spec.num_spatial)[:, None])
-        rows, columns = spec.num_rows // self.patch, spec.num_columns // self.patch
-        self.see = nn.Conv2d(spec.num_spatial * self.patch**2, channels, 3, padding=1)
-        names_cells = self.patch == 1 and any(cell != NO_CELL for cell in spec.cells)
+        rows, columns = spec.num_rows, spec.num_columns
+        self.see = nn.Conv2d(spec.num_spatial, channels, 3, padding=1)
+        names_cells = any(cell != NO_CELL for cell in spec.cells)
         marks = names_cells * (1 + len(_VIEWS) * (spec.num_others > 0))
         self.mark = nn.Conv2d(marks, channels, 3, padding=1, bias=False) if marks else None
         # Encodes the board's edges and spawn columns.
@@ -143,13 +128,12 @@ class CCDN(nn.Module):
 
     @torch.no_grad()
     def _begin_with_copies(self) -> None:
-        if self.painter is None:
-            bias = torch.zeros(len(self.choose_all.bias))
-            bias[: self.num_choices : len(self.size.shifts) + 2] = COPY_BIAS
-            bias[self.num_choices :] = -COPY_BIAS
-            self.choose.weight.mul_(0.3)
-            self.choose_all.weight.mul_(0.1)
-            self.choose_all.bias.copy_(bias)
+        bias = torch.zeros(len(self.choose_all.bias))
+        bias[: self.num_choices : len(self.size.shifts) + 2] = COPY_BIAS
+        bias[self.num_choices :] = -COPY_BIAS
+        self.choose.weight.mul_(0.3)
+        self.choose_all.weight.mul_(0.1)
+        self.choose_all.bias.copy_(bias)
         if self.edit_scalars is not None:
             self.edit_scalars.bias.fill_(-COPY_BIAS)
 
@@ -157,17 +141,14 @@ class CCDN(nn.Module):
         """Features [N, F, H, W] of a board alone, before the rectifier."""
         planes = observation[:, : self.spec.num_spatial]
         board = apply_curves(planes, self.curve[:, 0])
-        if self.patch > 1:
-            board = functional.pixel_unshuffle(board, self.patch)
         seen: Tensor = self.see(board.contiguous(memory_format=torch.channels_last))
         return seen + self.position
 
     def encode(self, observation: Tensor, action: Tensor, others: Tensor) -> Encoding:
         """Encode states and actions."""
         scalars = observation[:, self.spec.num_spatial :, 0, 0]
-        others = torch.where(others < 0, self.spec.num_actions, others)
-        words = [self.act(self.kinds[action]), self.others(self.kinds[others]).sum(1)]
-        means = functional.relu(self.enter(torch.cat(words + self._read(scalars), 1)))
+        words = [self.actions(action, others), *self._read(scalars)]
+        means = functional.relu(self.enter(torch.cat(words, 1)))
         film = self.film(means)[..., None, None].chunk(4, 1)
         seen = self.look(observation)
         board = seen
@@ -196,7 +177,7 @@ class CCDN(nn.Module):
         rows, columns = self.spec.num_rows, self.spec.num_columns
 
         def mark(actions: Tensor) -> Tensor:
-            named = self.cells[actions]
+            named = self.cells[actions]  # the last one, -1, is of unknown actions
             plane = torch.zeros(len(actions), rows * columns, device=actions.device)
             plane.scatter_add_(1, named.clamp_min(0), (named != NO_CELL).float())
             return plane.view(-1, 1, rows, columns)
@@ -264,12 +245,12 @@ class CCDN(nn.Module):
         """
         observation, following = rows["observation"], rows["next", "observation"]
         encoding = self.encode(observation, rows["action"], others)
-        board = self._predict_board(encoding)
-        cells = self._find_board_loss(encoding, board, following[:, self.moving])
+        choices = self.find_choices(encoding)
+        cells = self._find_board_loss(encoding, choices, following[:, self.moving])
         losses = {"cells": (cells * weights).mean()}
         # Half of the rows show the board as it is predicted: its errors must not mislead the rest.
         following = following.clone()
-        half = type(board)(*(part[::2] for part in board))
+        half = Choices(*(part[::2] for part in choices))
         of_half = Encoding(*(part[::2] for part in encoding))
         following[::2, self.moving] = self._draw_board(of_half, half, None)[0]
         sequel = self.follow(encoding, following)
@@ -285,20 +266,8 @@ class CCDN(nn.Module):
         outcome = self.predict_outcome(encoding, sequel, rows, following)
         return losses | self.outcome.compute_losses(outcome, rows, end_log_odds)
 
-    def _predict_board(self, encoding: Encoding) -> Choices | Painting:
-        """The next moving planes: choices on a board, or a picture."""
-        if self.painter is None:
-            return self.find_choices(encoding)
-        painting: Painting = self.painter(encoding.board, encoding.planes)
-        return painting
-
-    def _find_board_loss(
-        self, encoding: Encoding, board: Choices | Painting, later: Tensor
-    ) -> Tensor:
-        """Loss [N] of the predicted `board`, of which `later` is true, uint8 [N, P, H, W]."""
-        if isinstance(board, Painting):
-            return find_painting_loss(board, encoding.planes, later, self.spec)
-        choices = board
+    def _find_board_loss(self, encoding: Encoding, choices: Choices, later: Tensor) -> Tensor:
+        """Loss [N] of the predicted board, of which `later` is true, uint8 [N, P, H, W]."""
         logits = choices.of_cells + choices.of_boards[..., None, None]
         shifts = self.size.shifts
         nll, base, edited = score_board(logits, encoding.planes, later, self.layer_of, shifts)
@@ -332,8 +301,8 @@ class CCDN(nn.Module):
         observation = rows["observation"]
         encoding = self.encode(observation, rows["action"], others)
         following = observation.clone()
-        board = self._predict_board(encoding)
-        following[:, self.moving], surety = self._draw_board(encoding, board, generator)
+        choices = self.find_choices(encoding)
+        following[:, self.moving], surety = self._draw_board(encoding, choices, generator)
         sequel = self.follow(encoding, following)
         if self.edit_scalars is not None:
             logits = self.edit_scalars(sequel.context)
@@ -347,14 +316,10 @@ class CCDN(nn.Module):
 
     @torch.no_grad()
     def _draw_board(
-        self, encoding: Encoding, board: Choices | Painting, generator: torch.Generator | None
+        self, encoding: Encoding, choices: Choices, generator: torch.Generator | None
     ) -> tuple[Tensor, Tensor]:
-        """The next board, uint8 [N, P, H, W], and the log probability [N] of the likeliest one. A
-        picture has one likeliest form, which is not drawn at random.
-        """
-        if isinstance(board, Painting):
-            return round_shades(board)
-        choices, offsets = board, None
+        """The next board, uint8 [N, P, H, W], and the log probability [N] of the likeliest one."""
+        offsets = None
         if generator is not None:
             shape = len(encoding.planes), len(self.layers)
             offsets = torch.rand(shape, generator=generator)

@@ -1,23 +1,36 @@
-"""`FramePainter`: the next grey frame as the present one and a change, learned by regression.
+"""`FrameCCDN`, the network for pictures: the next grey frame as the present one and a change.
+
+    frames in patches, actions ── trunk, FiLM ── painter ── next frame
+                               └─ strided convolutions ── reward, end, next action mask
 
 Shades of moving edges are blends of two colours: a class for each value, as boards have, learns
-them hardly at all (docs/experiments/generator.md). A gate at every pixel keeps what stays.
+them hardly at all (docs/experiments/generator.md). They are learned by regression, and a gate at
+every pixel keeps what stays. What happens is read from the frames before the step: a frame after
+the end of a game is never used, and may be a picture of its own.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
+from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
+from marl_cair.generative.networks.actions import ActionReader
+from marl_cair.generative.networks.boards import choose_patch
+from marl_cair.generative.networks.outcome import Outcome, OutcomeHeads, OutcomeInput
 from marl_cair.generative.quality import differ
-from marl_cair.generative.settings import GeneratorSpec
+from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 
-CHANGED_WEIGHT = 20.0  # of a pixel that changes, beside 1: few do
+CHANGED_WEIGHT = 10.0  # of a pixel that changes, beside 1: few do
 SMOOTH = 0.02  # of full white: smaller errors count squared
+PICTURE_WEIGHT = 0.1  # of the sum over all pixels, against rewards and ends
 LEAST_SCALE = 1.0 / 510.0  # half a shade
+NUM_STRIDES = 3  # convolutions with stride 2 before what happens is read
 
 
 class Painting(NamedTuple):
@@ -65,3 +78,80 @@ def round_shades(painting: Painting) -> tuple[Tensor, Tensor]:
     """Planes uint8 [N, P, H, W], and the log density [N] of the painting under its own scale."""
     planes = (painting.shades * 255.0).round().clamp(0.0, 255.0).to(torch.uint8)
     return planes, -(2.0 * painting.scale).log().flatten(1).sum(1)
+
+
+class FrameCCDN(nn.Module):
+    """A distribution over (next frame, reward, end, mask) for frames uint8 [N, C, H, W].
+
+    Actions are as in `CCDN`.
+    """
+
+    moving: Tensor
+
+    def __init__(self, spec: GeneratorSpec, size: NetworkSize) -> None:
+        super().__init__()
+        self.spec = spec
+        self.patch = choose_patch(spec.num_rows, spec.num_columns)
+        channels, hidden, patch = size.channels, size.hidden, self.patch
+        self.register_buffer("moving", torch.tensor(spec.moving_planes), persistent=False)
+        self.actions = ActionReader(spec, size)
+        self.enter = nn.Linear(self.actions.num_features, hidden)
+        self.film = nn.Linear(hidden, 4 * channels)
+        rows, columns = spec.num_rows // patch, spec.num_columns // patch
+        num_inputs = spec.num_planes * patch**2
+        self.see = nn.Conv2d(num_inputs, channels, 3, padding=1)
+        self.position = nn.Parameter(torch.zeros(channels, rows, columns))
+        self.convs = nn.ModuleList(
+            nn.Conv2d(channels, channels, 3, padding=1) for _ in range(size.depth)
+        )
+        self.painter = FramePainter(channels, len(spec.moving_planes), patch)
+        # Their own layers: where things are decides what happens, and painting needs it nowhere.
+        widths = [num_inputs, channels] + (NUM_STRIDES - 1) * [2 * channels]
+        self.strides = nn.ModuleList(
+            nn.Conv2d(before, after, 3, stride=2, padding=1) for before, after in pairwise(widths)
+        )
+        for _ in range(NUM_STRIDES):
+            rows, columns = (rows + 1) // 2, (columns + 1) // 2
+        num_known = widths[-1] * rows * columns + hidden
+        self.outcome = OutcomeHeads(spec, replace(size, distances=False), num_known)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, rows: TensorDict, others: Tensor) -> tuple[Painting, Outcome]:
+        """The next frame, and what happens, of `rows` with the other seats' actions [N, O]."""
+        frames = rows["observation"]
+        patches = functional.pixel_unshuffle(frames.float() / 255.0, self.patch)
+        patches = patches.contiguous(memory_format=torch.channels_last)
+        means = functional.relu(self.enter(self.actions(rows["action"], others)))
+        film = self.film(means)[..., None, None].chunk(4, 1)
+        board = functional.relu(self.see(patches) + self.position) * (1.0 + film[0]) + film[1]
+        for conv in self.convs[:-1]:
+            board = functional.relu(board + conv(board))
+        board = board * (1.0 + film[2]) + film[3]
+        board = functional.relu(board + self.convs[-1](board))
+        seen = patches
+        for conv in self.strides:
+            seen = functional.relu(conv(seen))
+        known = torch.cat([seen.flatten(1), means], 1)
+        outcome = self.outcome(OutcomeInput(board, known, (frames, frames), rows["action_mask"]))
+        return self.painter(board, frames[:, self.moving]), outcome
+
+    def compute_losses(
+        self, rows: TensorDict, others: Tensor, weights: Tensor, end_log_odds: float
+    ) -> dict[str, Tensor]:
+        """Mean losses of `rows` by head; arguments as of `CCDN.compute_losses`."""
+        painting, outcome = self(rows, others)
+        now, later = (part["observation"][:, self.moving] for part in (rows, rows["next"]))
+        going_on = 1.0 - rows["next", "terminated"][:, 0].float()
+        loss = find_painting_loss(painting, now, later, self.spec)
+        losses = {"cells": (loss * going_on * weights).mean() * PICTURE_WEIGHT}
+        return losses | self.outcome.compute_losses(outcome, rows, end_log_odds)
+
+    @torch.no_grad()
+    def decode(
+        self, rows: TensorDict, others: Tensor, generator: torch.Generator | None
+    ) -> tuple[Tensor, Tensor, Outcome]:
+        """As `CCDN.decode`; a picture has one likeliest form, which is not drawn at random."""
+        painting, outcome = self(rows, others)
+        following = rows["observation"].clone()
+        following[:, self.moving], surety = round_shades(painting)
+        return following, surety, outcome

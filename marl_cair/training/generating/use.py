@@ -154,7 +154,7 @@ def _evaluate(run: TrainingRun, generator: Generator) -> None:
     without = "nothing is learned" if run.replay.fraction == 1.0 else "batches are all real"
     text = "open" if report.passed else f"shut, {without}: {reasons}"
     run.log.note(run.frames, "gate", f"the generator's gate is {text}")
-    if len(run.seen.shape) == 3:
+    if report.passed and len(run.seen.shape) == 3:
         real = run.replay.real
         rows = real.read_steps(torch.linspace(0, len(real) - 1, NUM_DRAWN).long())
         predicted, _ = generator.predict(rows)

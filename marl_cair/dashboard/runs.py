@@ -45,19 +45,19 @@ CHARTS = (
     Chart(
         "Generator",
         "Cells of held-out transitions",
-        ("gate/cells/error", "gate/cells/copy_error", "gate/cells/exact", "gate/cells/changed_f1"),
+        ("gate/cells/exact", "gate/cells/changed_f1", "gate/cells/change_explained"),
         "share",
     ),
     Chart(
         "Generator",
         "Rewards of held-out transitions",
-        ("gate/reward/mae", "gate/reward/constant_mae"),
+        ("gate/reward/mae", "gate/reward/std"),
         "mean absolute error",
     ),
     Chart(
         "Generator",
         "Ends of held-out transitions",
-        ("gate/terminal/recall", "gate/terminal/auc", "gate/terminal/false_alarms"),
+        ("gate/end/recall", "gate/rare/end_auc", "gate/end/false_alarms"),
         "share",
     ),
     Chart("Generator", "Loss of the generator", ("generator/",), "loss", is_log=True),

@@ -20,6 +20,7 @@ from marl_cair.generative.quality import Imagined, find_auc
 from marl_cair.generative.settings import GateConfig, GeneratorSpec
 from marl_cair.ranges import FLAG, Range, read_number
 
+_CONSTANT = 1e-3  # standard deviation of rewards: where it is smaller they hardly vary
 _ANY = Range(-math.inf, math.inf, float)
 
 
@@ -85,7 +86,9 @@ _CONDITIONS = (
         "explained share of reward variance", "reward/explained", "min_reward_explained", True
     ),
     _Condition("accuracy gain of the worst scalar", "scalars/least_gain", "min_scalar_gain", True),
-    _Condition("reward error", "reward/mae", "max_reward_mae_if_constant", False),
+    _Condition(
+        "error of a constant reward", "reward/constant_error", "max_reward_mae_if_constant", False
+    ),
     _Condition("share of rare rewards made wrong", "rare/reward_missed", "max_rare_missed", False),
     _Condition(
         "end calibration error", "end/calibration_error", "max_terminal_ece", is_least=False
@@ -103,8 +106,8 @@ def check_quality(numbers: Mapping[str, float], config: GateConfig) -> tuple[str
     broken = [name for name, value in numbers.items() if not math.isfinite(value)]
     if broken:
         return (f"{', '.join(broken)} not finite: the network or the data hold NaN",)
-    is_constant = numbers.get("reward/std", 0.0) < config.max_reward_mae_if_constant
-    skipped = {"reward/explained" if is_constant else "reward/mae"}
+    is_constant = numbers.get("reward/std", 0.0) < _CONSTANT
+    skipped = {"reward/explained" if is_constant else "reward/constant_error"}
     if "cells/change_explained" in numbers:  # a picture: shades are never exact
         skipped |= {"cells/changed_f1"}
     if numbers["rare/num_rewards"] < config.min_rare_rows:

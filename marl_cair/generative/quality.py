@@ -14,6 +14,7 @@ from torch.nn import functional
 from marl_cair.generative.settings import GeneratorSpec
 
 NUM_CALIBRATION_BINS = 10
+LEAST_CONSTANT = 5e-3  # reward: errors of smaller constants are measured beside it
 HORIZONS = (1, 2, 4, 8, 16)  # steps of open-loop prediction
 
 
@@ -123,9 +124,10 @@ def _find_plane_accuracy(guess: Tensor, real: Tensor, spec: GeneratorSpec) -> li
 
 
 def _measure_reward(real: Tensor, guess: Tensor) -> dict[str, float]:
-    variance = float(real.var(correction=0))
+    variance, error = float(real.var(correction=0)), float((guess - real).abs().mean())
     numbers = {
-        "reward/mae": float((guess - real).abs().mean()),
+        "reward/mae": error,
+        "reward/constant_error": error / max(abs(float(real.median())), LEAST_CONSTANT),
         "reward/std": float(real.std(correction=0)),
     }
     if variance > 1e-9:

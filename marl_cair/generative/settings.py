@@ -199,7 +199,7 @@ class GateConfig:
     min_changed_f1: float = 0.6  # a copy scores 0; emptying every cell half if all units move
     min_change_explained: float = 0.6  # of pictures in its place: share of the squared change
     min_reward_explained: float = 0.6  # of their variance; what views hide cannot be explained
-    max_reward_mae_if_constant: float = 1e-3  # if rewards hardly vary: error of that constant
+    max_reward_mae_if_constant: float = 0.2  # if rewards hardly vary: error beside that constant
     min_terminals: int = 10  # fewer held-out ends cannot show the recall: generate no ends
     min_terminal_auc: float = 0.85  # below, P(end) is of little use
     # An end generated as a row that continues bootstraps from a state that does not exist. Rows

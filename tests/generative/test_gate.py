@@ -21,7 +21,8 @@ from marl_cair.generative.quality import Imagined
 from tests.generative.plane_game import SPEC, TERRAIN, TOWER
 
 GOOD = {
-    "cells/changed_f1": 0.9, "reward/std": 0.1, "reward/mae": 0.01, "reward/explained": 0.95,
+    "cells/changed_f1": 0.9, "reward/std": 0.1, "reward/constant_error": 0.01,
+    "reward/explained": 0.95,
     "rare/num_rewards": 40.0, "rare/reward_missed": 0.1, "rare/num_ends": 20.0,
     "rare/end_auc": 0.99, "end/calibration_error": 0.001,
     "mask/accuracy": 0.999,
@@ -42,7 +43,10 @@ def make_imagined(surety=(0.0,), end=(0.0,), reward=(0.0,)):
     [
         ({"cells/changed_f1": 0.41}, "changed-cell F1 0.410 is below 0.600"),
         ({"reward/explained": 0.2}, "explained share of reward variance 0.200 is below 0.600"),
-        ({"reward/std": 0.0, "reward/mae": 0.1}, "reward error 0.100 is above 0.001"),
+        (
+            {"reward/std": 0.0, "reward/constant_error": 0.3},
+            "error of a constant reward 0.300 is above 0.200",
+        ),
         ({"rare/reward_missed": 0.5}, "share of rare rewards made wrong 0.500 is above 0.400"),
         ({"end/calibration_error": 0.1}, "end calibration error 0.100 is above 0.020"),
         ({"rare/end_auc": 0.7}, "end AUC 0.700 is below 0.850"),
@@ -61,7 +65,11 @@ def test_each_condition_shuts_the_gate_alone(changes, reason):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"reward/std": 0.0, "reward/mae": 0.0, "reward/explained": -3.0},  # a constant reward
+        {
+            "reward/std": 0.0,
+            "reward/constant_error": 0.0,
+            "reward/explained": -3.0,
+        },  # a constant reward
         {"rare/num_rewards": 3.0, "rare/reward_missed": 1.0},  # too few to judge
         {"rare/num_ends": 3.0, "rare/end_auc": 0.1},
         {"cells/change_explained": 0.9, "cells/changed_f1": 0.1},  # shades are never exact

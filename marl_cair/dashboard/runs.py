@@ -52,7 +52,7 @@ CHARTS = (
         "Generator",
         "Rewards of held-out transitions",
         ("gate/reward/mae", "gate/reward/std"),
-        "mean absolute error",
+        "mean absolute error, and spread",
     ),
     Chart(
         "Generator",

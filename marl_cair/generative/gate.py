@@ -2,7 +2,7 @@
 
 Generated transitions are used only while the generator is good on held-out real transitions.
 `check_quality` checks the generator as a whole (thresholds in GateConfig); `Acceptance` checks a
-single row, with a bound that is tuned on held-out rows (a split conformal test).
+single row, with bounds that are tuned on held-out rows (split conformal tests).
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ class Acceptance:
 
     min_surety: float = math.inf  # log probability of the next observation
     certain: float = 1.0  # P(end) of an end, at least
-    unlikely: float = 0.0  # P(end) of a row that continues, at most
+    unlikely: float = 0.0  # P(end) of a row that continues is below
     may_end: bool = False  # whether rows that end the episode are accepted
     may_be_rare: bool = False  # whether rows with a rare reward are accepted
 
     def accept(self, made: Imagined, rare: Tensor) -> Tensor:
         """Which rows are accepted, bool [N]. rare: bool [N], rewards that are rare."""
-        ends, goes_on = made.end >= self.certain, made.end <= self.unlikely
+        ends, goes_on = made.end >= self.certain, made.end < self.unlikely
         accepted = (made.surety >= self.min_surety) & (ends & self.may_end | goes_on)
         return accepted & (~rare | self.may_be_rare | ends)
 
@@ -81,13 +81,16 @@ class _Condition(NamedTuple):
 
 _CONDITIONS = (
     _Condition("changed-cell F1", "cells/changed_f1", "min_changed_f1", True),
-    _Condition("explained change", "cells/change_explained", "min_change_explained", True),
+    _Condition("explained share of change", "cells/change_explained", "min_change_explained", True),
     _Condition(
         "explained share of reward variance", "reward/explained", "min_reward_explained", True
     ),
     _Condition("accuracy gain of the worst scalar", "scalars/least_gain", "min_scalar_gain", True),
     _Condition(
-        "error of a constant reward", "reward/constant_error", "max_reward_mae_if_constant", False
+        "relative error of a constant reward",
+        "reward/constant_error",
+        "max_constant_reward_error",
+        False,
     ),
     _Condition("share of rare rewards made wrong", "rare/reward_missed", "max_rare_missed", False),
     _Condition(
@@ -131,8 +134,8 @@ def measure_rare(
     """Numbers of held-out rare rows [R]. rare_reward: bool [R]; going_on: P(end) [G] of other rows,
     which do not end.
 
-    A rare reward is missed if its error is more than half of it; those of unrecognised ends do not
-    count, as such rows are not generated.
+    A rare reward is missed if its error is more than half of it. Those of unrecognised ends do not
+    count: what is expected there is the reward of a row that goes on.
     """
     ends, rewards = rows["next", "terminated"][:, 0], rows["next", "reward"][:, 0]
     rare_reward = rare_reward & (~ends | (made.end > 0.5))
@@ -147,7 +150,8 @@ def measure_rare(
         certainty = torch.cat([made.end[ends], going_on])
         is_end = torch.arange(len(certainty)) < int(ends.sum())
         auc = find_auc(certainty, is_end)
-        numbers |= {} if auc is None else {"rare/end_auc": auc}
+        if auc is not None:
+            numbers["rare/end_auc"] = auc
         numbers["rare/end_recall"] = float((made.end > 0.5)[ends].float().mean())
     return numbers
 
@@ -159,23 +163,25 @@ def tune_acceptance(
     P(end) `ends` [E] of held-out ends, of which `max_terminal_overlooked` may pass as going on.
 
     Rows that end (have a rare reward) are accepted only if there are at least `min_terminals`
-    (`min_rare_rows`) held-out ones: fewer cannot show that they are predicted, nor tune a bound.
+    (`min_rare_rows`) held-out ones: fewer cannot show that they are predicted.
     """
-    may_end, unlikely = len(ends) >= config.min_terminals, 1.0 - config.certain_terminal
-    if may_end:
-        unlikely = min(unlikely, _find_lowest(ends, config.max_terminal_overlooked))
+    unlikely = 1.0 - config.certain_terminal
+    if len(ends):
+        # The least likely of few ends is the bound, though not all of the share is used then.
+        share = max(config.max_terminal_overlooked, 1.0 / (len(ends) + 1))
+        unlikely = min(unlikely, _find_bound(ends, share))
     return Acceptance(
-        min_surety=_find_lowest(made.surety, config.tail),
+        min_surety=_find_bound(made.surety, config.tail),
         certain=config.certain_terminal,
         unlikely=unlikely,
-        may_end=may_end,
+        may_end=len(ends) >= config.min_terminals,
         may_be_rare=numbers["rare/num_rewards"] >= config.min_rare_rows,
     )
 
 
-def _find_lowest(values: Tensor, share: float) -> float:
+def _find_bound(values: Tensor, share: float) -> float:
     """The value below which a new one lies with a chance of at most `share`, as ranks show."""
-    rank = math.floor(share * (values.numel() + 1))
+    rank = math.floor(share * (values.numel() + 1) + 1e-9)
     if not 1 <= rank <= values.numel():
         return -math.inf if rank < 1 else math.inf
     return float(values.sort().values[rank - 1])

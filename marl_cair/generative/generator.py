@@ -231,6 +231,7 @@ class CCDNGenerator:
         acceptance = tune_acceptance(made.select(slice(half)), ends, metrics, gate)
         tested, rest = rows[half:], made.select(slice(half, None))
         accepted = acceptance.accept(rest, self._find_rare(rest.reward))
+        metrics["accepted/end_bound"] = acceptance.unlikely
         metrics |= quality.measure_acceptance(tested, rest, self.spec, accepted)
         is_open = self.last_report is not None and self.last_report.passed
         reasons = check_quality(metrics, gate.loosen() if is_open else gate)

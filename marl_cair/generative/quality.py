@@ -14,7 +14,7 @@ from torch.nn import functional
 from marl_cair.generative.settings import GeneratorSpec
 
 NUM_CALIBRATION_BINS = 10
-LEAST_CONSTANT = 5e-3  # reward: errors of smaller constants are measured beside it
+LEAST_CONSTANT = 5e-3  # of rewards: errors are divided by the constant, or by this if it is less
 HORIZONS = (1, 2, 4, 8, 16)  # steps of open-loop prediction
 
 
@@ -42,11 +42,12 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     cells/...: of boards and frames, with the copy baseline beside them. moved: share of the cells
     to which a unit has moved where a value is predicted (a recall); moved_exactly: the right value;
     moved_precision: share of the predicted moves whose cell does hold a value. exact: whole
-    observations.
+    observations. change_explained: of pictures, share of the squared change that is predicted. Rows
+    that end do not count: what is seen after an end is never used.
     """
     ends = rows["next", "terminated"].squeeze(-1)
     numbers: dict[str, float] = {}
-    if (goes_on := ~ends).any():  # what is seen after an end is never used
+    if (goes_on := ~ends).any():
         numbers |= _measure_cells(rows[goes_on], made.observation[goes_on], spec)
     common = ~ends & (made.end < 0.5)  # what is wrong about ends is measured apart
     if common.any():
@@ -74,8 +75,9 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
     if changed.any():
         total = (changed.sum() + predicted.sum()).clamp_min(1)
         numbers["cells/changed_f1"] = float(2.0 * hits / total)
-    if spec.tolerance:
-        numbers["cells/change_explained"] = 1.0 - _find_error(guess, real) / _find_error(now, real)
+        if spec.tolerance:
+            left, change = (_find_error(one[:, moving], real[:, moving]) for one in (guess, now))
+            numbers["cells/change_explained"] = 1.0 - left / change
     moved = find_moves(now[:, moving], real[:, moving])
     if moved.any():
         numbers["cells/moved"] = _share((guess[:, moving] > 0)[moved])
@@ -95,8 +97,8 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
 
 
 def _find_error(values: Tensor, others: Tensor) -> float:
-    """The sum of squared differences, not 0."""
-    return max(1.0, float((values.float() - others.float()).square().sum()))
+    """The sum of squared differences."""
+    return float((values.float() - others.float()).square().sum())
 
 
 def differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:

@@ -197,9 +197,9 @@ class GateConfig:
 
     min_heldout_rows: int = 200  # below this the standard error of a share is above 3 %
     min_changed_f1: float = 0.6  # a copy scores 0; emptying every cell half if all units move
-    min_change_explained: float = 0.6  # of pictures in its place: share of the squared change
+    min_change_explained: float = 0.6  # of pictures, for the F1: share of the squared change
     min_reward_explained: float = 0.6  # of their variance; what views hide cannot be explained
-    max_reward_mae_if_constant: float = 0.2  # if rewards hardly vary: error beside that constant
+    max_constant_reward_error: float = 0.2  # if rewards hardly vary: error as a share of theirs
     min_terminals: int = 10  # fewer held-out ends cannot show the recall: generate no ends
     min_terminal_auc: float = 0.85  # below, P(end) is of little use
     # An end generated as a row that continues bootstraps from a state that does not exist. Rows
@@ -214,7 +214,7 @@ class GateConfig:
     small_slack_when_open: float = 0.9  # of changed cells, which vary by 0.03
     evaluation_rows: int = 512  # held-out rows per evaluation; half of them tune the acceptance
     tail: float = 0.03  # share of predictions for real rows that are rejected as unsure
-    certain_terminal: float = 0.8  # the network must be this sure of an end, or surer of none
+    certain_terminal: float = 0.8  # the network must be this sure of an end, or of none at least
 
     def __post_init__(self) -> None:
         for holds, name, allowed in (
@@ -222,6 +222,11 @@ class GateConfig:
             (
                 0.0 < self.small_slack_when_open <= 1.0,
                 "small_slack_when_open",
+                "a share above 0, at most 1",
+            ),
+            (
+                0.0 < self.max_terminal_overlooked <= 1.0,
+                "max_terminal_overlooked",
                 "a share above 0, at most 1",
             ),
             (0.0 < self.tail < 0.5, "tail", "a share above 0 and below 0.5"),
@@ -234,12 +239,13 @@ class GateConfig:
     def loosen(self) -> GateConfig:
         """Thresholds of an open gate: without slack, noise would open and shut it in turn."""
         slack = self.slack_when_open
+        auc_above_chance = max(0.0, self.min_terminal_auc - 0.5)
         return replace(
             self,
             min_changed_f1=self.small_slack_when_open * self.min_changed_f1,
             min_change_explained=self.small_slack_when_open * self.min_change_explained,
             min_reward_explained=slack * self.min_reward_explained,
-            min_terminal_auc=0.5 + slack * (self.min_terminal_auc - 0.5),
+            min_terminal_auc=self.min_terminal_auc - (1.0 - slack) * auc_above_chance,
             max_rare_missed=1.0 - slack * (1.0 - self.max_rare_missed),
         )
 

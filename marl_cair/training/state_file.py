@@ -16,7 +16,7 @@ from marl_cair.training.settings.config import TrainConfig
 
 STATE_FILE = "state.pt"
 _SPARE_BYTES = 64 << 20  # logs, agents, pictures
-STATE_VERSION = 5  # of the contents that `TrainingRun.save_state` writes; raise it on a change
+STATE_VERSION = 6  # of the contents that `TrainingRun.save_state` writes; raise it on a change
 
 
 def save_state(state: dict[str, Any], folder: Path) -> None:

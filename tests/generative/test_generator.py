@@ -8,6 +8,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from marl_cair.dashboard.runs import CHARTS
 from marl_cair.generative import CCDNGenerator, GateReport
 from marl_cair.generative.heldout import TransitionRing, is_heldout
 from marl_cair.replay.transition import check_transitions
@@ -50,6 +51,13 @@ def test_training_beats_the_copy_baseline_and_opens_the_gate(trained):
     assert metrics["accepted/share"] > 0.85  # two tests may turn away 3 % each, and noise
     for plane in (*SPEC.moving_planes, *range(SPEC.num_spatial, SPEC.num_planes)):
         assert metrics[f"plane_{plane}/accuracy"] > metrics[f"plane_{plane}/copy_accuracy"]
+
+
+def test_charts_of_the_dashboard_show_numbers_that_reports_hold(trained):
+    held = {f"gate/{name}" for name in trained.last_report.metrics} | {"gate/passed"}
+    held.add("gate/cells/change_explained")  # of pictures
+    shown = {name for chart in CHARTS for name in chart.starts if name.startswith("gate/")}
+    assert shown <= held
 
 
 def test_gate_refuses_an_untrained_generator(real_rows):

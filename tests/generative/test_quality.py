@@ -39,6 +39,17 @@ def test_a_copy_has_no_changed_cells_and_the_truth_all():
     assert right[f"{plane}copy_accuracy"] == copied[f"{plane}accuracy"] == pytest.approx(33 / 35)
 
 
+def test_errors_of_a_constant_reward_are_shares_of_it():
+    rows = make_empty_transitions(SPEC, 4)
+    for constant, error in ((0.02, 0.05), (0.0, 0.2)):
+        rows["next", "reward"][:] = constant
+        made = imagine_as(rows["observation"], rows)._replace(
+            reward=torch.full((4,), constant + 0.001)
+        )
+        found = quality.measure_rows(rows, made, SPEC)
+        assert found["reward/constant_error"] == pytest.approx(error, abs=1e-4)
+
+
 def test_half_of_a_move_counts_half():
     """It left its cell but did not arrive; the new enemy unit is no move."""
     rows = make_walk()

@@ -21,11 +21,11 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from marl_cair.generative.networks.actions import ActionReader
 from marl_cair.generative.networks.boards import find_layers
 from marl_cair.generative.networks.decoding import decode_board
 from marl_cair.generative.networks.gradients import apply_curves, score_board
 from marl_cair.generative.networks.outcome import Outcome, OutcomeHeads, OutcomeInput, pool
+from marl_cair.generative.networks.trunk import ActionReader, Trunk
 from marl_cair.generative.networks.values import NUM_VALUES, ValueHead
 from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.policies.config import NO_CELL
@@ -107,7 +107,6 @@ class CCDN(nn.Module):
         self.actions = ActionReader(spec, size)
         self.tables = nn.Embedding(max(1, uniform) * NUM_VALUES, size.table_width)
         self.enter = nn.Linear(self.actions.num_features + uniform * (1 + size.table_width), hidden)
-        self.film = nn.Linear(hidden, 4 * channels)
         # What a value means is learned for each plane: health, progress, count.
         values = (torch.arange(NUM_VALUES) / 255.0).sqrt()  # a wounded unit stays visible
         self.curve = nn.Parameter(values.repeat(spec.num_spatial)[:, None])
@@ -118,9 +117,7 @@ class CCDN(nn.Module):
         self.mark = nn.Conv2d(marks, channels, 3, padding=1, bias=False) if marks else None
         # Encodes the board's edges and spawn columns.
         self.position = nn.Parameter(torch.zeros(channels, rows, columns))
-        self.convs = nn.ModuleList(
-            nn.Conv2d(channels, channels, 3, padding=1) for _ in range(size.depth)
-        )
+        self.trunk = Trunk(size)
         # Pooling loses positions; this read-out keeps them (units in front of the base).
         self.narrow = nn.Conv2d(channels, NARROW, 1)
         self.places = nn.Linear(NARROW * rows * columns, hidden)
@@ -149,16 +146,11 @@ class CCDN(nn.Module):
         scalars = observation[:, self.spec.num_spatial :, 0, 0]
         words = [self.actions(action, others), *self._read(scalars)]
         means = functional.relu(self.enter(torch.cat(words, 1)))
-        film = self.film(means)[..., None, None].chunk(4, 1)
         seen = self.look(observation)
         board = seen
         if self.mark is not None:
             board = board + self.mark(self._mark_targets(action, others))
-        board = functional.relu(board) * (1.0 + film[0]) + film[1]
-        for conv in self.convs[:-1]:
-            board = functional.relu(board + conv(board))
-        board = board * (1.0 + film[2]) + film[3]
-        board = functional.relu(board + self.convs[-1](board))
+        board = self.trunk(board, means)
         places = functional.relu(self.places(functional.relu(self.narrow(board)).flatten(1)))
         context = functional.relu(self.gather(torch.cat([*pool(board), places, means], 1)))
         return Encoding(functional.relu(seen), board, context, observation[:, self.moving], scalars)
@@ -238,7 +230,7 @@ class CCDN(nn.Module):
     def compute_losses(
         self, rows: TensorDict, others: Tensor, weights: Tensor, end_log_odds: float
     ) -> dict[str, Tensor]:
-        """Mean losses of `rows` by head: negative log likelihoods in nats per row, but of pictures.
+        """Mean losses of `rows` by head: negative log likelihoods in nats per row.
 
         weights: [N], true density of the rows over that in the batch; end_log_odds: see
         `OutcomeHeads.compute_losses`.

@@ -1,17 +1,16 @@
 """`FrameCCDN`, the network for pictures: the next grey frame as the present one and a change.
 
-    frames in patches, actions ── trunk, FiLM ── painter ── next frame
-                               └─ strided convolutions ── reward, end, next action mask
+    frames in patches ┬─ trunk, steered by actions ── painter ── next frame
+                      └─ strided convolutions, actions ── reward, end, next action mask
 
 Shades of moving edges are blends of two colours: a class for each value, as boards have, learns
 them hardly at all (docs/experiments/generator.md). They are learned by regression, and a gate at
-every pixel keeps what stays. What happens is read from the frames before the step: a frame after
-the end of a game is never used, and may be a picture of its own.
+every pixel keeps what stays. Rewards and ends are predicted from the frames before the step: the
+frame after the end of a game is never used, and may be a picture of its own.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -20,9 +19,9 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
-from marl_cair.generative.networks.actions import ActionReader
 from marl_cair.generative.networks.boards import choose_patch
 from marl_cair.generative.networks.outcome import Outcome, OutcomeHeads, OutcomeInput
+from marl_cair.generative.networks.trunk import ActionReader, Trunk
 from marl_cair.generative.quality import differ
 from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 
@@ -83,29 +82,31 @@ def round_shades(painting: Painting) -> tuple[Tensor, Tensor]:
 class FrameCCDN(nn.Module):
     """A distribution over (next frame, reward, end, mask) for frames uint8 [N, C, H, W].
 
-    Actions are as in `CCDN`.
+    Actions are as in `CCDN`. Raises ValueError for options that read boards.
     """
 
     moving: Tensor
 
     def __init__(self, spec: GeneratorSpec, size: NetworkSize) -> None:
         super().__init__()
+        if size.distances or spec.action_cells is not None:
+            raise ValueError(
+                "size.distances and action_cells are of boards, but these rows are pictures: leave "
+                "them out, or use representation=planes"
+            )
         self.spec = spec
         self.patch = choose_patch(spec.num_rows, spec.num_columns)
         channels, hidden, patch = size.channels, size.hidden, self.patch
         self.register_buffer("moving", torch.tensor(spec.moving_planes), persistent=False)
         self.actions = ActionReader(spec, size)
         self.enter = nn.Linear(self.actions.num_features, hidden)
-        self.film = nn.Linear(hidden, 4 * channels)
         rows, columns = spec.num_rows // patch, spec.num_columns // patch
         num_inputs = spec.num_planes * patch**2
         self.see = nn.Conv2d(num_inputs, channels, 3, padding=1)
         self.position = nn.Parameter(torch.zeros(channels, rows, columns))
-        self.convs = nn.ModuleList(
-            nn.Conv2d(channels, channels, 3, padding=1) for _ in range(size.depth)
-        )
+        self.trunk = Trunk(size)
         self.painter = FramePainter(channels, len(spec.moving_planes), patch)
-        # Their own layers: where things are decides what happens, and painting needs it nowhere.
+        # Layers of their own: rewards and ends depend on positions, painting is local.
         widths = [num_inputs, channels] + (NUM_STRIDES - 1) * [2 * channels]
         self.strides = nn.ModuleList(
             nn.Conv2d(before, after, 3, stride=2, padding=1) for before, after in pairwise(widths)
@@ -113,7 +114,7 @@ class FrameCCDN(nn.Module):
         for _ in range(NUM_STRIDES):
             rows, columns = (rows + 1) // 2, (columns + 1) // 2
         num_known = widths[-1] * rows * columns + hidden
-        self.outcome = OutcomeHeads(spec, replace(size, distances=False), num_known)
+        self.outcome = OutcomeHeads(spec, size, num_known)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, rows: TensorDict, others: Tensor) -> tuple[Painting, Outcome]:
@@ -122,12 +123,7 @@ class FrameCCDN(nn.Module):
         patches = functional.pixel_unshuffle(frames.float() / 255.0, self.patch)
         patches = patches.contiguous(memory_format=torch.channels_last)
         means = functional.relu(self.enter(self.actions(rows["action"], others)))
-        film = self.film(means)[..., None, None].chunk(4, 1)
-        board = functional.relu(self.see(patches) + self.position) * (1.0 + film[0]) + film[1]
-        for conv in self.convs[:-1]:
-            board = functional.relu(board + conv(board))
-        board = board * (1.0 + film[2]) + film[3]
-        board = functional.relu(board + self.convs[-1](board))
+        board = self.trunk(self.see(patches) + self.position, means)
         seen = patches
         for conv in self.strides:
             seen = functional.relu(conv(seen))

@@ -1,8 +1,9 @@
 """Outcome heads: reward, end of the episode and next action mask, and their losses.
 
-All three are computed from (state, actions, next state): the labels of a generated row fit the next
-state that was generated with it. Rewards are learned in units of their own size, apart from the
-next state (FTFL, arXiv 2510.01457).
+On boards all three are computed from (state, actions, next state): the labels of a generated row
+fit the next state that was generated with it. Of pictures they are computed from the state and the
+actions. Rewards are learned in units of their own size, apart from the next state (FTFL, arXiv
+2510.01457).
 """
 
 from __future__ import annotations

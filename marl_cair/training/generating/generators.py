@@ -221,7 +221,7 @@ def make_for_game(
         shape, num_uniform = codec.shape, codec.num_uniform
     else:
         num_uniform = seen.num_uniform
-    if seen.num_frames > 1:
+    if seen.num_frames > 1 or seen.name == GRAY:
         frames = {"num_frames": seen.num_frames, "tolerance": SHADES_TAKEN_FOR_EQUAL}
     is_board = len(seen.shape) == 3 and seen.num_uniform > 0
     if is_board:
@@ -231,7 +231,7 @@ def make_for_game(
             "exclusive_plane_groups": spec.exclusive_planes,
             "event_plane_groups": spec.event_planes,
         }
-    if not (frames or len(seen.shape) == 1 or seen.name == GRAY):
+    if not (frames or len(seen.shape) == 1):
         raise ValueError(
             f"the generator {name!r} works on `planes`, `gray`, stacks of frames and vectors, not "
             f"on {seen.name!r}: set generator.name={NO_GENERATOR} or synthetic_fraction=0"

@@ -1,5 +1,7 @@
 """Frames that are painted: a copy at first, then what moves, more than a pixel in a step."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -13,7 +15,9 @@ from marl_cair.generative.networks.frames import (
     find_painting_loss,
     round_shades,
 )
+from marl_cair.generative.quality import Imagined, measure_rows
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec, NetworkSize
+from marl_cair.replay.transition import UNKNOWN_ACTION
 
 SIDE, SIZE = 64, NetworkSize(channels=8, depth=2, hidden=16)
 SPEC = GeneratorSpec((2, SIDE, SIDE), 2, num_uniform=0, noop_action=0, num_frames=2, tolerance=8)
@@ -91,10 +95,60 @@ def test_changed_pixels_weigh_more_and_doubt_follows_the_error():
 def test_boards_are_no_pictures_however_large():
     board = GeneratorSpec((3, 64, 64), 2, num_uniform=1, noop_action=0)
     assert not is_picture(board)
-    assert isinstance(GENERATORS.make("ccdn", GeneratorConfig(size=SIZE), board).network, CCDN)
-    made = GENERATORS.make("ccdn", GeneratorConfig(size=SIZE), SPEC)
-    assert isinstance(made.network, FrameCCDN)
     assert is_picture(GeneratorSpec((1, 84, 84), 2, num_uniform=0, noop_action=0))
+
+
+def test_pictures_and_boards_have_networks_of_their_own():
+    board = GeneratorSpec((3, 64, 64), 2, num_uniform=1, noop_action=0)
+    for spec, network in ((board, CCDN), (SPEC, FrameCCDN)):
+        made = GENERATORS.make("ccdn", GeneratorConfig(size=SIZE), spec)
+        assert isinstance(made.network, network)
+
+
+@pytest.mark.parametrize(
+    ("spec", "size"),
+    [
+        (SPEC, replace(SIZE, distances=True)),
+        (replace(SPEC, action_cells=(5, -1)), SIZE),
+    ],
+)
+def test_options_of_boards_are_refused_for_pictures(spec, size):
+    with pytest.raises(ValueError, match="are of boards, but these rows are pictures"):
+        FrameCCDN(spec, size)
+
+
+def test_other_players_actions_change_the_frame_and_may_be_unknown():
+    spec = replace(SPEC, num_others=2)
+    network, rows = FrameCCDN(spec, SIZE), draw_rows(3, torch.Generator().manual_seed(0))
+    torch.nn.init.normal_(network.painter.change.weight)
+    known, unknown = torch.zeros(3, 2, dtype=torch.int64), torch.full((3, 2), UNKNOWN_ACTION)
+    one, other = (network(rows, others)[0].shades for others in (known, unknown))
+    assert one.isfinite().all()
+    assert other.isfinite().all()
+    assert not torch.equal(one, other)
+
+
+def test_the_share_of_explained_change_is_that_of_the_newest_frame():
+    rows = draw_rows(4, torch.Generator().manual_seed(0))
+    now, later = rows["observation"], rows["next", "observation"]
+    zeros = torch.zeros(4)
+
+    def measure(guess):
+        made = Imagined(guess, rows["action_mask"], zeros, zeros, zeros)
+        return measure_rows(rows, made, SPEC)
+
+    assert measure(later)["cells/change_explained"] == 1.0
+    assert measure(now)["cells/change_explained"] == 0.0
+    rows["observation"][:, 0] = 0  # older frames are known, however much they differ
+    half = ((now.float() + later.float()) / 2).round().to(torch.uint8)
+    assert measure(half)["cells/change_explained"] == pytest.approx(0.75, abs=0.02)
+    rows["next", "terminated"][0] = True  # what is seen after an end is never used
+    half[0] = 255
+    assert measure(half)["cells/change_explained"] == pytest.approx(0.75, abs=0.02)
+    rows["next", "terminated"][:] = True
+    assert "cells/change_explained" not in measure(half)
+    rows["next", "terminated"][:], rows["next", "observation"] = False, rows["observation"]
+    assert "cells/change_explained" not in measure(now)  # nothing moves
 
 
 def test_the_adversarial_generator_refuses_pictures():

@@ -107,6 +107,7 @@ class CCDN(nn.Module):
         self.actions = ActionReader(spec, size)
         self.tables = nn.Embedding(max(1, uniform) * NUM_VALUES, size.table_width)
         self.enter = nn.Linear(self.actions.num_features + uniform * (1 + size.table_width), hidden)
+        self.trunk = Trunk(size)
         # What a value means is learned for each plane: health, progress, count.
         values = (torch.arange(NUM_VALUES) / 255.0).sqrt()  # a wounded unit stays visible
         self.curve = nn.Parameter(values.repeat(spec.num_spatial)[:, None])
@@ -117,7 +118,6 @@ class CCDN(nn.Module):
         self.mark = nn.Conv2d(marks, channels, 3, padding=1, bias=False) if marks else None
         # Encodes the board's edges and spawn columns.
         self.position = nn.Parameter(torch.zeros(channels, rows, columns))
-        self.trunk = Trunk(size)
         # Pooling loses positions; this read-out keeps them (units in front of the base).
         self.narrow = nn.Conv2d(channels, NARROW, 1)
         self.places = nn.Linear(NARROW * rows * columns, hidden)

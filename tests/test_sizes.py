@@ -11,7 +11,7 @@ MAX_LINES = {
     "games": 21_695,
     "policies": 2_440,
     "replay": 2_450,
-    "generative": 3_245,
+    "generative": 3_275,
     "self_play": 1_035,
     "league": 8_010,
     "training": 7_675,

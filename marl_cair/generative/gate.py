@@ -163,7 +163,8 @@ def tune_acceptance(
     P(end) `ends` [E] of held-out ends, of which `max_terminal_overlooked` may pass as going on.
 
     Rows that end (have a rare reward) are accepted only if there are at least `min_terminals`
-    (`min_rare_rows`) held-out ones: fewer cannot show that they are predicted.
+    (`min_rare_rows`) held-out ones, as `measure_rare` counts them: fewer cannot show that they are
+    predicted.
     """
     unlikely = 1.0 - config.certain_terminal
     if len(ends):

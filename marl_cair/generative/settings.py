@@ -200,11 +200,11 @@ class GateConfig:
     min_change_explained: float = 0.6  # of pictures, for the F1: share of the squared change
     min_reward_explained: float = 0.6  # of their variance; what views hide cannot be explained
     max_constant_reward_error: float = 0.2  # if rewards hardly vary: error as a share of theirs
-    min_terminals: int = 10  # fewer held-out ends cannot show the recall: generate no ends
+    min_terminals: int = 10  # fewer held-out ends cannot show the AUC: generate no ends
     min_terminal_auc: float = 0.85  # below, P(end) is of little use
     # An end generated as a row that continues bootstraps from a state that does not exist. Rows
-    # that may end are not generated: how likely an end must be for that is tuned on held-out ends.
-    max_terminal_overlooked: float = 0.3  # share of ends that would be generated as no end
+    # that may end, but not surely, are not generated: P(end) has a bound, tuned on held-out ends.
+    max_terminal_overlooked: float = 0.3  # share of held-out ends that may lie below that bound
     max_terminal_ece: float = 0.02  # calibration error, about the base rate of ends in long games
     min_rare_rows: int = 10  # rare rewards: as min_terminals
     max_rare_missed: float = 0.4  # share of wrong rare rewards

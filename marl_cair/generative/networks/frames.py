@@ -91,8 +91,8 @@ class FrameCCDN(nn.Module):
         super().__init__()
         if size.distances or spec.action_cells is not None:
             raise ValueError(
-                "size.distances and action_cells are of boards, but these rows are pictures: leave "
-                "them out, or use representation=planes"
+                "size.distances and action_cells are of boards, but these rows are pictures: set "
+                "generator.model.size.distances=false, or game.representation=planes"
             )
         self.spec = spec
         self.patch = choose_patch(spec.num_rows, spec.num_columns)

@@ -27,7 +27,7 @@ RARE_BIAS = 5.0  # log odds against an end before training
 
 
 class OutcomeInput(NamedTuple):
-    """Inputs of the outcome heads."""
+    """Inputs of the outcome heads. `after` and `boards` are read of boards, not of pictures."""
 
     after: Tensor  # [N, F, H, W], features of the next state's board
     features: Tensor  # [N, E], of both boards, of the actions, of the next scalars and of changes

@@ -120,7 +120,7 @@ def test_options_of_boards_are_refused_for_pictures(spec, size):
 def test_other_players_actions_change_the_frame_and_may_be_unknown():
     spec = replace(SPEC, num_others=2)
     network, rows = FrameCCDN(spec, SIZE), draw_rows(3, torch.Generator().manual_seed(0))
-    torch.nn.init.normal_(network.painter.change.weight)
+    torch.nn.init.constant_(network.painter.change.weight, 0.1)
     known, unknown = torch.zeros(3, 2, dtype=torch.int64), torch.full((3, 2), UNKNOWN_ACTION)
     one, other = (network(rows, others)[0].shades for others in (known, unknown))
     assert one.isfinite().all()

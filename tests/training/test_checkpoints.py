@@ -92,7 +92,7 @@ class TestStates:
     @pytest.mark.parametrize(
         ("change", "message"),
         [
-            ({"version": 1}, r"has version 1, this marl_cair resumes 5: .*[\\/]first[\\/]latest"),
+            ({"version": 1}, r"has version 1, this marl_cair resumes 6: .*[\\/]first[\\/]latest"),
             ({"version": None}, "state.pt has version 0"),  # states had no versions at first
             ({"frames": None}, "does not fit .*settings, or is damaged: .*frames is missing"),
         ],

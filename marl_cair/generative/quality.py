@@ -11,6 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 from torch.nn import functional
 
+from marl_cair.generative.networks.boards import is_picture
 from marl_cair.generative.settings import GeneratorSpec
 
 NUM_CALIBRATION_BINS = 10
@@ -42,8 +43,8 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     cells/...: of boards and frames, with the copy baseline beside them. moved: share of the cells
     to which a unit has moved where a value is predicted (a recall); moved_exactly: the right value;
     moved_precision: share of the predicted moves whose cell does hold a value. exact: whole
-    observations. change_explained: of pictures, share of the squared change that is predicted. Rows
-    that end do not count: what is seen after an end is never used.
+    observations. change_explained: of pictures, share of the squared change that is predicted. In
+    none of these do rows that end count: what is seen after an end is never used.
     """
     ends = rows["next", "terminated"].squeeze(-1)
     numbers: dict[str, float] = {}
@@ -69,22 +70,22 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
         copied = (now - real).abs().mean()
         return numbers | {"vector/error_of_copy": float(error / copied.clamp_min(1e-9))}
     moving = list(spec.moving_planes)
-    changed = differ(now, real, spec)[:, moving]
-    predicted = differ(guess, now, spec)[:, moving]
-    hits = (changed & predicted & same[:, moving]).sum()
+    before, after, made, right = (one[:, moving] for one in (now, real, guess, same))
+    changed, predicted = differ(before, after, spec), differ(made, before, spec)
+    hits = (changed & predicted & right).sum()
     if changed.any():
         total = (changed.sum() + predicted.sum()).clamp_min(1)
         numbers["cells/changed_f1"] = float(2.0 * hits / total)
-        if spec.tolerance:
-            left, change = (_find_error(one[:, moving], real[:, moving]) for one in (guess, now))
-            numbers["cells/change_explained"] = 1.0 - left / change
-    moved = find_moves(now[:, moving], real[:, moving])
+        if is_picture(spec):
+            left, change = ((one.float() - after.float()).square().sum() for one in (made, before))
+            numbers["cells/change_explained"] = 1.0 - float(left / change)
+    moved = find_moves(before, after)
     if moved.any():
-        numbers["cells/moved"] = _share((guess[:, moving] > 0)[moved])
-        numbers["cells/moved_exactly"] = _share(same[:, moving][moved])
-    claimed = find_moves(now[:, moving], guess[:, moving])
+        numbers["cells/moved"] = _share((made > 0)[moved])
+        numbers["cells/moved_exactly"] = _share(right[moved])
+    claimed = find_moves(before, made)
     if claimed.any():
-        numbers["cells/moved_precision"] = _share((real[:, moving] > 0)[claimed])
+        numbers["cells/moved_precision"] = _share((after > 0)[claimed])
     accuracy, copies = (_find_plane_accuracy(one, real, spec) for one in (guess, now))
     scalars = range(spec.num_spatial, spec.num_planes)
     if scalars:
@@ -94,11 +95,6 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
         numbers[f"plane_{plane}/accuracy"] = accuracy[plane]
         numbers[f"plane_{plane}/copy_accuracy"] = copies[plane]
     return numbers
-
-
-def _find_error(values: Tensor, others: Tensor) -> float:
-    """The sum of squared differences."""
-    return float((values.float() - others.float()).square().sum())
 
 
 def differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:

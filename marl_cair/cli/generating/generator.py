@@ -16,14 +16,9 @@ from marl_cair.lookup import check_name
 from marl_cair.training.settings.config_file import build_value
 
 _SHOWN = (
-    *(
-        "cells/changed_f1",
-        "cells/change_explained",
-        "cells/moved",
-        "cells/exact",
-        "open_loop/4_changed_f1",
-    ),
-    *("open_loop/8_moved", "open_loop/safe_steps", "reward/explained", "end/auc", "mask/accuracy"),
+    *("cells/changed_f1", "cells/change_explained", "cells/moved", "cells/exact"),
+    *("open_loop/4_changed_f1", "open_loop/8_moved", "open_loop/safe_steps"),
+    *("reward/explained", "end/auc", "mask/accuracy"),
 )
 
 

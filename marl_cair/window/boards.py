@@ -81,6 +81,5 @@ def find_board(game: str, scenario: Any, rules: Any, height: int, width: int) ->
         from marl_cair.games.flash.description import find_description
 
         columns, rows = find_description(scenario.description).mouse_grid
-        if columns:
-            return Board(rows, columns, width / columns, 0.0, 0.0, height / rows)
+        return Board(rows, columns, width / columns, 0.0, 0.0, height / rows)
     return None

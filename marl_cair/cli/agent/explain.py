@@ -80,7 +80,8 @@ def run(arguments: Sequence[str]) -> int:
     _check_options(parser, options, replay)
     if replay is None:
         game, name, scenario = shared.choose_scenario(options, [options.agent])
-        about = f"against {options.opponent} on {game.name} {name}"
+        alone = game.make_spec(scenario).num_teams == 1
+        about = f"{'' if alone else f'against {options.opponent} '}on {game.name} {name}"
     else:
         game, scenario = GAMES[replay.game], replay.scenario
         about = f"in seat {options.seat} of {options.replay}"

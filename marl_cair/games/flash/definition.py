@@ -22,9 +22,17 @@ def make_spec(scenario: Scenario) -> GameSpec:
 
     Raises:
         DescriptionError: of a SWF that cannot be used.
-        ValueError: the transport `numbers`, of a game that needs pictures.
+        ValueError: the transport `numbers`, of a game that needs pictures; actions that the
+            description does not have.
     """
     described = find_description(scenario.description)
+    actions = tuple(action.name for action in rules.list_actions(described, scenario.actions))
+    if len(actions) == 1:
+        field, other = ("keys", "mouse") if scenario.actions == "keys" else ("mouse_grid", "keys")
+        raise ValueError(
+            f"flash: actions is {scenario.actions!r}, but {scenario.description} has no {field}: "
+            f"take actions={other}, or add {field} to the description"
+        )
     width, height = described.size
     luma = tuple(f"luma {age} steps ago" for age in range(NUM_FRAMES - 1, 0, -1))
     frames: tuple[Any, ...] = (*luma, "luma"), (SIDE, SIDE), rules.observe_gray
@@ -52,7 +60,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
             )
         shown = shown[-1:]
     return package.make_plain_spec(
-        tuple(action.name for action in rules.list_actions(described, scenario.actions)),
+        actions,
         num_players=len(described.keys),
         noop_action=0,
         representations=package.list_by_name(*shown),

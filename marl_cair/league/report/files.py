@@ -69,7 +69,7 @@ def _list_rows(report: Report) -> dict[str, Rows | Sequence[tuple[Any, ...]]]:
         ],
         "winrates": _list_scores(table),
         "differences": _list_differences(table),
-        "seats": [(n, team + 1, *share) for (n, team), share in sorted(table.team_shares.items())],
+        "seats": [(*key, *share) for key, share in sorted(table.team_shares.items())],
         "maps": [(*key, *share) for key, share in sorted(maps.items())],
         "training": [
             (curve.run, steps, r.name, *_format_elo(r.elo, r.low, r.high))

@@ -185,7 +185,7 @@ class ReplayRenderer:
         stored, spec = self.stored, self._rules.game.make_spec(self._rules.scenario)
         seats = "seat" if spec.num_teams == spec.num_players else "team"
         names = [self.names[one] for one in stored.agents[place].tolist()]
-        players = " v ".join(f"{name} ({seats} {n})" for n, name in enumerate(names, start=1))
+        players = " v ".join(f"{name} ({seats} {n})" for n, name in enumerate(names))
         first = np.flatnonzero(stored.ranks[place] == 1.0)
         ended = f"{names[first[0]]} won" if len(first) else "draw"
         limit = ", at the time limit" if stored.is_truncated[place] else ""

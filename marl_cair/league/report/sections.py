@@ -151,7 +151,7 @@ def _make_shares(table: LeagueTable, background: Background) -> Section:
         return Section("shares", title, NO_GAMES)
     seats, teams = "seat" if table.num_teams == 2 else "team", range(table.num_teams)
     names, shares, by_map = table.names, table.team_shares, background.map_shares
-    header = ["agent", *(f"{seats} {team + 1}" for team in teams)]
+    header = ["agent", *(f"{seats} {team}" for team in teams)]
     rows = [[name, *(_format_share(shares.get((name, team))) for team in teams)] for name in names]
     tables = [Table(header, rows, title=f"By {seats}")]
     if by_map:

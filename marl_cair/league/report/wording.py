@@ -156,7 +156,7 @@ def describe_seats(table: LeagueTable) -> str:
     seats = "seat" if table.num_teams == 2 else "team"
     advantages = ", ".join(
         f"{seats} {number} {seat.elo:+.0f} [{seat.low:+.0f}, {seat.high:+.0f}]"
-        for number, seat in enumerate(table.ladder.seats if table.ladder else (), start=1)
+        for number, seat in enumerate(table.ladder.seats if table.ladder else ())
     )
     return f"Advantage of each {seats} (Elo, 95 %): {advantages}."
 

@@ -131,6 +131,14 @@ def test_a_game_is_started_by_the_mouse(tmp_path, transport):
     engine.close()
 
 
+def test_a_scenario_has_the_actions_that_its_description_has(tmp_path):
+    with pytest.raises(ValueError, match="multitask has no mouse_grid"):
+        marl_cair.make_engine("flash", actions="mouse")
+    own = describe(tmp_path / "own.toml", start=[], keys=[[]], mouse_grid=[3, 9])
+    with pytest.raises(ValueError, match="has no keys: take actions=mouse"):
+        marl_cair.make_engine("flash", description=own)
+
+
 @pytest.mark.parametrize("done", [{"picture": "end.png", "region": [0, 0, 480, 360]}, "done"])
 def test_a_game_that_needs_pictures_has_no_transport_numbers(tmp_path, done):
     Image.new("RGB", (480, 360)).save(tmp_path / "end.png")

@@ -239,7 +239,7 @@ def test_runs_of_one_name_are_distinguished():
 
 def test_each_agent_has_its_score_in_each_seat():
     head, *rows = read_page(make(EVEN)).rows["shares"]
-    assert head == ["agent", "seat 1", "seat 2"]
+    assert head == ["agent", "seat 0", "seat 1"]
     games = make_games(EVEN)
     for name, *cells in rows:
         for team, cell in enumerate(cells):

@@ -26,6 +26,11 @@ def compose(name, *words):
     return compose_config([f"recipe={name}", *words])
 
 
+@pytest.mark.parametrize("body", ["capsule", "small_capsule"])
+def test_capsules_give_each_action_an_advantage_of_its_own(body):
+    assert compose_config([f"policy={body}"]).policy.resolve_action_embedding() == 0
+
+
 def test_recipes_set_what_their_papers_add():
     dqn, double, dueling, rainbow = map(compose, ("dqn", "double_dqn", "dueling_dqn", "rainbow"))
     assert (dqn.policy.head, dqn.learner.double, dqn.learner.n_steps) == ("plain", False, 1)

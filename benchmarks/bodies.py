@@ -44,7 +44,7 @@ def make_work(game: str, scenario: str, representation: str, body: str, batch: i
     """Networks of `body` for the game's observations, with random rows."""
     spec = GAMES[game].make_spec(GAMES[game].scenario(scenario))
     seen = spec.representations[representation]
-    config = fit_policy(QNetworkConfig(body=body), seen, spec)
+    config = fit_policy(QNetworkConfig(body=body, action_embedding=0), seen, spec)
     network = make_q_network(config, seen.shape, spec.num_actions, seed=0)
     rows = torch.randint(0, 256, (2 * batch, *seen.shape), dtype=torch.uint8)
 

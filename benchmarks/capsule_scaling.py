@@ -84,7 +84,8 @@ def make_config(body: str) -> Any:
     """Settings of a body with its usual head."""
     from marl_cair.policies.q_network import QNetworkConfig
 
-    return QNetworkConfig(body=body, head="length" if body == "thesis_capsule" else "dueling")
+    head = "length" if body == "thesis_capsule" else "dueling"
+    return QNetworkConfig(body=body, head=head, action_embedding=0)
 
 
 def measure(case: Case) -> tuple[float, float]:

@@ -61,7 +61,8 @@ class BareLoop:
         self.engine = marl_cair.make_engine("deep_line_wars", "10x15", WORLDS, reward="shaped")
         shape = self.engine.representation("planes").shape
         actions = self.engine.num_actions
-        self.network = make_q_network(QNetworkConfig(body=policy), shape, actions, seed=0)
+        config = QNetworkConfig(body=policy, action_embedding=0)
+        self.network = make_q_network(config, shape, actions, seed=0)
         self.target = deepcopy(self.network).requires_grad_(False)
         rate = self.settings.learning_rate
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=rate)
@@ -155,7 +156,7 @@ class FullLoop:
             out=folder,
             device=device,
             synthetic_fraction=0.0,
-            policy=QNetworkConfig(body=policy),
+            policy=QNetworkConfig(body=policy, action_embedding=0),
             opponent=OpponentSettings(latest, warmup_mixture=latest, snapshot_every_frames=10**9),
             collector=CollectorSettings(WORLDS, STEPS),
             replay=ReplaySettings(CAPACITY, min_transitions=MIN_TRANSITIONS),

@@ -80,8 +80,8 @@ def run(arguments: Sequence[str]) -> int:
     _check_options(parser, options, replay)
     if replay is None:
         game, name, scenario = shared.choose_scenario(options, [options.agent])
-        alone = game.make_spec(scenario).num_teams == 1
-        about = f"{'' if alone else f'against {options.opponent} '}on {game.name} {name}"
+        rival = f"against {options.opponent} " if game.make_spec(scenario).num_teams > 1 else ""
+        about = f"{rival}on {game.name} {name}"
     else:
         game, scenario = GAMES[replay.game], replay.scenario
         about = f"in seat {options.seat} of {options.replay}"
@@ -95,8 +95,6 @@ def run(arguments: Sequence[str]) -> int:
         )
     gamma, scale = read_discount(options.agent)
     gamma = gamma if options.gamma is None else options.gamma
-    if not 0.0 <= gamma <= 1.0:
-        raise ValueError(f"--gamma is {gamma}, it must be in 0..1")
     fields = find_trained(game, read_description(options.agent))
     if replay is None:
         opponent = load(options.opponent, game.name, scenario)
@@ -124,12 +122,16 @@ def run(arguments: Sequence[str]) -> int:
 def _check_options(
     parser: argparse.ArgumentParser, options: argparse.Namespace, replay: Replay | None
 ) -> None:
-    """Raise ValueError for options that have no effect, and for a recording without the seat."""
+    """Raise ValueError for options that have no effect or are out of range, and for a recording
+    without the seat.
+    """
     for name in ("seat",) if replay is None else ("opponent", "seed", "game", "scenario", "fields"):
         if getattr(options, name) != parser.get_default(name):
             option = "--set" if name == "fields" else f"--{name}"
             where = "only with" if replay is None else "only without"
             raise ValueError(f"{option} has an effect {where} --replay: leave it out")
+    if options.gamma is not None and not 0.0 <= options.gamma <= 1.0:
+        raise ValueError(f"--gamma is {options.gamma}, it must be in 0..1")
     if replay is not None:
         last = len(replay.players) - 1
         if not 0 <= options.seat <= last:

@@ -45,7 +45,4 @@ class Scenario:
         check_time("flash", self)
 
 
-SCENARIOS = {
-    "multitask": Scenario(),
-    "duel": Scenario(description="duel", max_ticks=3_000),
-}
+SCENARIOS = {"multitask": Scenario(), "duel": Scenario(description="duel", max_ticks=3_000)}

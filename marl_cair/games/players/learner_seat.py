@@ -161,11 +161,7 @@ class OpponentCopies:
             self._states[world] = self._agent.state_dict()
 
     def act(
-        self,
-        seat: int,
-        worlds: NDArray[np.int64],
-        seen: NDArray[Any],
-        masks: NDArray[np.bool_],
+        self, seat: int, worlds: NDArray[np.int64], seen: NDArray[Any], masks: NDArray[np.bool_]
     ) -> NDArray[np.int64]:
         """Legal actions [N, *action_shape] of one seat in the worlds int64 [N], which see
         [N, *shape] of the agent's representation and have the masks bool [N, *action_shape, A].

@@ -52,7 +52,8 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
     handles, labels = panels[0, 0].get_legend_handles_labels()
     legend = dict(zip(labels, handles, strict=True))
     if legend:
-        style: dict[str, Any] = {"fontsize": 8, "frameon": False, "ncols": min(6, len(legend))}
+        num_columns = min(6, 2 * panels.shape[1], len(legend))
+        style: dict[str, Any] = {"fontsize": 8, "frameon": False, "ncols": num_columns}
         figure.legend(legend.values(), legend, loc="outside lower center", **style)
     _save(figure, path)
 

@@ -110,7 +110,7 @@ def main() -> None:
     print("|---|---|---|---|---|", flush=True)
     for body in words.networks:
         for differences in (False,) if body == "mlp" else (False, True):
-            config = QNetworkConfig(body=body, frame_differences=differences)
+            config = QNetworkConfig(body=body, frame_differences=differences, action_embedding=0)
             for seed in words.seeds:
                 missed, flaps = imitate(shown, config, words.updates, seed)
                 title = f"| {body} | {str(differences).lower()} | {seed} "

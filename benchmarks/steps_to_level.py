@@ -128,7 +128,9 @@ def main() -> None:
         courses = {name: [*map(rate_course, runs)] for name, runs in choices.items()}
         steps, never = {}, {}
         for name, runs in choices.items():
-            reached = [(find_level(run, level).first, run.rows[-1]) for run in runs]
+            means = [[row | {"score": row["mean"]} for row in run.rows] for run in runs]
+            rated = [run._replace(rows=rows) for run, rows in zip(runs, means, strict=True)]
+            reached = [(find_level(run, level).first, run.rows[-1]) for run in rated]
             steps[name] = [(first or last)["frames"] for first, last in reached]
             never[name] = sum(first is None for first, _ in reached)
         for name, own in steps.items():

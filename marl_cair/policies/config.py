@@ -41,7 +41,7 @@ _LEAST_IN_LISTS = {
 
 @dataclass(frozen=True)
 class CapsuleSizes:
-    """Sizes of the `capsule` body: about 260 k weights, 33 more for each action."""
+    """Sizes of the `capsule` body: 260 k weights; 129 for each action, 33 by embeddings of 32."""
 
     trunk_channels: int = 32  # planes after the strided convolutions
     grid_side: int = 5  # cells along each side of the fixed pooling grid

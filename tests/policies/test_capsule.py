@@ -28,15 +28,16 @@ def _seeded():
 
 
 def count_weights(shape: tuple[int, int, int], num_actions: int) -> int:
-    network = make_q_network(QNetworkConfig(body="capsule"), shape, num_actions, seed=0)
+    config = QNetworkConfig(body="capsule", action_embedding=0)
+    network = make_q_network(config, shape, num_actions, seed=0)
     return sum(weight.numel() for weight in network.parameters())
 
 
 def test_weights_are_counted_as_in_the_table():
-    assert count_weights((5, 10, 15), 4) == 258_253
-    assert count_weights((3, 25, 25), 4) == 257_677
-    assert count_weights((1, 84, 84), 4) == 266_029
-    assert count_weights((3, 128, 128), 300) == 279_893
+    assert count_weights((5, 10, 15), 4) == 254_509
+    assert count_weights((3, 25, 25), 4) == 253_933
+    assert count_weights((1, 84, 84), 4) == 262_285
+    assert count_weights((3, 128, 128), 300) == 304_565
 
 
 def test_new_networks_for_large_boards_stride_first():
@@ -55,8 +56,8 @@ def test_new_networks_for_large_boards_stride_first():
     assert stride_first(conv, large) is conv
 
 
-def test_each_action_adds_33_weights_and_a_larger_board_none():
-    assert count_weights((5, 10, 15), 300) - count_weights((5, 10, 15), 100) == 33 * 200
+def test_each_action_adds_129_weights_and_a_larger_board_none():
+    assert count_weights((5, 10, 15), 300) - count_weights((5, 10, 15), 100) == 129 * 200
     assert count_weights((5, 10, 15), 4) == count_weights((5, 19, 61), 4)
     assert count_weights((1, 64, 64), 4) == count_weights((1, 300, 400), 4)
 

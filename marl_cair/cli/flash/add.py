@@ -61,10 +61,11 @@ def describe_swf(chosen: Namespace) -> str:
         if is_new:
             target.unlink()
         raise
+    mouse = "" if chosen.keys else " game.options.actions=mouse"
     return (
         f"{path} describes {width} x {height} pixels at {fps:g} frames per second. Next:\n"
         f"  marl-cair flash play {path}\n"
-        f"  marl-cair train recipe=flash game.options.description={path}\n"
+        f"  marl-cair train recipe=flash game.options.description={path}{mouse}\n"
     )
 
 

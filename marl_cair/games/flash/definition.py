@@ -22,7 +22,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
 
     Raises:
         DescriptionError: of a SWF that cannot be used.
-        ValueError: the transport `numbers`, of a game that needs pictures; no such actions.
+        ValueError: the description lacks what `actions` or the transport `numbers` needs.
     """
     described = find_description(scenario.description)
     actions = tuple(action.name for action in rules.list_actions(described, scenario.actions))

@@ -338,7 +338,7 @@ def test_a_free_for_all_is_reported_by_teams():
     games = Games(agents, (ranks == 1.0) * 1.0, ranks, blocks, np.zeros(24, np.bool_))
     names = ["a", "b", "random"]
     page = read_page(make_table(names, games))
-    assert page.rows["shares"][0] == ["agent", "team 1", "team 2", "team 3"]
+    assert page.rows["shares"][0] == ["agent", "team 0", "team 1", "team 2"]
     assert page.rows["shares"][1][1].split()[0] == "100.0"
     assert "ties count half" in page.text["matrix"]
 

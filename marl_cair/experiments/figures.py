@@ -90,8 +90,9 @@ def _draw_curves(panel: Any, runs: Sequence[Run], kinds: Sequence[Kind], axis: s
             continue
         curves = [([row[axis] / unit for row in run.rows], [row["score"] for row in run.rows])
                   for run in trained]  # fmt: skip
+        alpha = min(0.35, 1.75 / len(curves))
         for places, scores in curves:
-            panel.plot(places, scores, **_style(kinds, kind), linewidth=0.6, alpha=0.35)
+            panel.plot(places, scores, **_style(kinds, kind), linewidth=0.6, alpha=alpha)
         grid = np.linspace(0, min(places[-1] for places, _ in curves), _PLACES)
         known = np.array([np.interp(grid, *curve) for curve in curves])
         panel.plot(grid, trim(known, 0), **_style(kinds, kind), linewidth=2, label=_label(kind))

@@ -4,8 +4,9 @@ python -m benchmarks.steps_to_level LOOKS.csv [MORE.csv ...] --factor data
     --controls real real_twice [--share 0.9] [--equal-steps] [--iqm]
     [--plan PLAN.yaml --figure FILE.png]
 Strength and level are those of the tables of `marl-cair experiment`, of the mean over all bots: the
-mean score over the last third of the steps, and the first of two looks in a row. The level of a task is `--share` of the
-strength of its best control; a run that never has it counts with all its steps. `--equal-steps`
+mean score over the last third of the steps, and the first of two looks in a row. The level of a
+task is `--share` of the strength of its best control; a run that never has it counts with all its
+steps. `--equal-steps`
 ends all runs of a task at the steps of the shortest one, between two looks on the line from one to
 the other. Numbers are means over seeds; with `--iqm` interquartile means (of four or more), as in
 those tables.

@@ -6,10 +6,9 @@ python -m benchmarks.steps_to_level LOOKS.csv [MORE.csv ...] --factor data
 Strength and level are those of the tables of `marl-cair experiment`, of the mean over all bots: the
 mean score over the last third of the steps, and the first of two looks in a row. The level of a
 task is `--share` of the strength of its best control; a run that never has it counts with all its
-steps. `--equal-steps`
-ends all runs of a task at the steps of the shortest one, between two looks on the line from one to
-the other. Numbers are means over seeds; with `--iqm` interquartile means (of four or more), as in
-those tables.
+steps. `--equal-steps` ends all runs of a task at the steps of the shortest one, between two looks
+on the line from one to the other. Numbers are means over seeds; with `--iqm` interquartile means
+(of four or more), as in those tables.
 Prints strength, the mean score over all steps (the area under the curve: it separates choices with
 fewer seeds than the steps to a level do), steps, and ratios to the best control's in Markdown, with
 95 % bootstrap intervals over seeds. The figure is that of the experiment, of the runs in the files.

@@ -1,12 +1,20 @@
-"""Checkpoints of untrained networks, on Deep Line Wars by default: for benchmarks and tests."""
+"""Networks of the presets, and checkpoints of untrained ones: for benchmarks and tests."""
 
 import dataclasses
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from marl_cair.checkpoint import AgentDescription, save_agent
 from marl_cair.games import GAMES
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.training.settings.config_file import read_yaml
+
+
+def read_preset(name: str) -> QNetworkConfig:
+    """The network that `policy=name` trains."""
+    path = files("marl_cair") / "conf" / "policy" / f"{name}.yaml"
+    return QNetworkConfig.from_dict(read_yaml(str(path)))
 
 
 def save_network(

@@ -15,10 +15,11 @@ from typing import NamedTuple
 
 import torch
 
+from benchmarks._networks import read_preset
 from benchmarks._timing import best_in_turns
 from benchmarks.levers import Variant, make_update
 from marl_cair.games import GAMES
-from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.policies.q_network import make_q_network
 from marl_cair.training.initial_network import fit_policy
 
 BOARDS = (
@@ -44,7 +45,7 @@ def make_work(game: str, scenario: str, representation: str, body: str, batch: i
     """Networks of `body` for the game's observations, with random rows."""
     spec = GAMES[game].make_spec(GAMES[game].scenario(scenario))
     seen = spec.representations[representation]
-    config = fit_policy(QNetworkConfig(body=body, action_embedding=0), seen, spec)
+    config = fit_policy(read_preset(body), seen, spec)
     network = make_q_network(config, seen.shape, spec.num_actions, seed=0)
     rows = torch.randint(0, 256, (2 * batch, *seen.shape), dtype=torch.uint8)
 

@@ -71,21 +71,14 @@ def list_cases(bodies: tuple[str, ...], batch: int) -> list[Case]:
 
 def estimate(case: Case) -> Cost:
     """Parameters and estimated memory."""
+    from benchmarks._networks import read_preset
     from marl_cair.checkpoint import count_weight_bytes
     from marl_cair.training.memory import count_update_bytes
 
-    shape, config = (1, case.side, case.side), make_config(case.body)
+    shape, config = (1, case.side, case.side), read_preset(case.body)
     parameters = count_weight_bytes(config, shape, case.num_actions) // 4
     num_bytes = count_update_bytes(config, shape, case.num_actions, case.batch)
     return Cost(parameters, num_bytes / 1e6, None, None)
-
-
-def make_config(body: str) -> Any:
-    """Settings of a body with its usual head."""
-    from marl_cair.policies.q_network import QNetworkConfig
-
-    head = "length" if body == "thesis_capsule" else "dueling"
-    return QNetworkConfig(body=body, head=head, action_embedding=0)
 
 
 def measure(case: Case) -> tuple[float, float]:
@@ -111,9 +104,10 @@ def make_update(case: Case) -> Callable[[], None]:
     import torch
     from torch.nn import functional
 
+    from benchmarks._networks import read_preset
     from marl_cair.policies.q_network import make_q_network
 
-    network = make_q_network(make_config(case.body), (1, case.side, case.side), case.num_actions, 0)
+    network = make_q_network(read_preset(case.body), (1, case.side, case.side), case.num_actions, 0)
     target, average = copy.deepcopy(network), copy.deepcopy(network)
     optimiser = torch.optim.Adam(network.parameters())
     shape = case.batch, 1, case.side, case.side

@@ -12,6 +12,7 @@ table.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from torch.nn import functional
 
 import marl_cair
+from benchmarks._networks import read_preset
 from marl_cair.games import GAMES
 from marl_cair.games.flappy_bird.tables import FLAP
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
@@ -110,7 +112,7 @@ def main() -> None:
     print("|---|---|---|---|---|", flush=True)
     for body in words.networks:
         for differences in (False,) if body == "mlp" else (False, True):
-            config = QNetworkConfig(body=body, frame_differences=differences, action_embedding=0)
+            config = replace(read_preset(body), frame_differences=differences)
             for seed in words.seeds:
                 missed, flaps = imitate(shown, config, words.updates, seed)
                 title = f"| {body} | {str(differences).lower()} | {seed} "

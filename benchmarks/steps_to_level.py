@@ -128,9 +128,7 @@ def main() -> None:
         courses = {name: [*map(rate_course, runs)] for name, runs in choices.items()}
         steps, never = {}, {}
         for name, runs in choices.items():
-            means = [[row | {"score": row["mean"]} for row in run.rows] for run in runs]
-            rated = [run._replace(rows=rows) for run, rows in zip(runs, means, strict=True)]
-            reached = [(find_level(run, level).first, run.rows[-1]) for run in rated]
+            reached = [(find_level(run, level, "mean").first, run.rows[-1]) for run in runs]
             steps[name] = [(first or last)["frames"] for first, last in reached]
             never[name] = sum(first is None for first, _ in reached)
         for name, own in steps.items():

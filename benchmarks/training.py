@@ -27,9 +27,10 @@ import torch
 from torch.nn.functional import smooth_l1_loss
 
 import marl_cair
+from benchmarks._networks import read_preset
 from marl_cair.games.randomness import EpisodeSeeds
 from marl_cair.policies.actor import MaskedEpsilonGreedy, PolicyActor
-from marl_cair.policies.q_network import QNetworkConfig, make_q_network
+from marl_cair.policies.q_network import make_q_network
 from marl_cair.training import run as training_run
 from marl_cair.training import trainer
 from marl_cair.training.collecting.metrics import Timers
@@ -61,8 +62,7 @@ class BareLoop:
         self.engine = marl_cair.make_engine("deep_line_wars", "10x15", WORLDS, reward="shaped")
         shape = self.engine.representation("planes").shape
         actions = self.engine.num_actions
-        config = QNetworkConfig(body=policy, action_embedding=0)
-        self.network = make_q_network(config, shape, actions, seed=0)
+        self.network = make_q_network(read_preset(policy), shape, actions, seed=0)
         self.target = deepcopy(self.network).requires_grad_(False)
         rate = self.settings.learning_rate
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=rate)
@@ -156,7 +156,7 @@ class FullLoop:
             out=folder,
             device=device,
             synthetic_fraction=0.0,
-            policy=QNetworkConfig(body=policy, action_embedding=0),
+            policy=read_preset(policy),
             opponent=OpponentSettings(latest, warmup_mixture=latest, snapshot_every_frames=10**9),
             collector=CollectorSettings(WORLDS, STEPS),
             replay=ReplaySettings(CAPACITY, min_transitions=MIN_TRANSITIONS),

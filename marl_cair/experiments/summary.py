@@ -172,10 +172,10 @@ def find_levels(plan: Plan, runs: Sequence[Run]) -> list[Reached]:
     ]
 
 
-def find_level(run: Run, level: float) -> Reached:
-    """When a run is at or above `level` in two looks in a row for the first time."""
-    first = next((a for a, b in pairwise(run.rows) if min(a["score"], b["score"]) >= level), None)
+def find_level(run: Run, level: float, number: str = "score") -> Reached:
+    """When a run's `number` is at or above `level` in two looks in a row for the first time."""
+    first = next((a for a, b in pairwise(run.rows) if min(a[number], b[number]) >= level), None)
     if first is None:
-        return Reached(run, level, None, max(row["score"] for row in run.rows))
-    later = [row["score"] for row in run.rows if row["seconds"] >= first["seconds"]]
+        return Reached(run, level, None, max(row[number] for row in run.rows))
+    later = [row[number] for row in run.rows if row["seconds"] >= first["seconds"]]
     return Reached(run, level, first, min(later))

@@ -141,7 +141,7 @@ def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:
 
 
 def _describe_unknown(kind: str, name: object, known: Iterable[str]) -> str:
-    names = list(known)
+    names = list(dict.fromkeys(known))
     nearest = _nearest_names(name, names) if isinstance(name, str) else []
     hint = f"nearest are {_list_names(nearest)}; " if nearest else ""
     if nearest and len(names) > MAX_LISTED:

@@ -45,7 +45,7 @@ TASKS = {
     "curves": "plot learning curves of training runs",
     "dashboard": "show training runs on a local page while they train",
     "experiment PLAN": "train and rate the product of networks, learners, games and seeds",
-    "evaluate": "win rates of one agent against others, with 95 % intervals",
+    "evaluate": "shares of games won by one agent against others, with 95 % intervals",
     "match": "compare two agents in any scenario",
     "play": "play a game by hand against bots, trained agents or people",
     "league": "rate agents by a round-robin, with 95 % intervals",

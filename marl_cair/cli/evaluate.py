@@ -1,4 +1,4 @@
-"""`marl-cair evaluate`: win rates of one agent against others, with 95 % intervals.
+"""`marl-cair evaluate`: shares of games won by one agent against others, with 95 % intervals.
 
 Agents play greedily, for the rated reward, equally often in each seat. In games of more than two
 the agent has one seat (or team) and each opponent all others. In games for one, all agents play the
@@ -27,7 +27,7 @@ from marl_cair.league.play.solo import play_alone
 from marl_cair.league.ratings.intervals import mean_interval, median_interval, share_interval
 from marl_cair.text import format_csv
 
-COLUMNS = ("opponent", "games", "wins", "draws", "losses", "win_rate", "low", "high")
+COLUMNS = ("opponent", "games", "wins", "draws", "losses", "share_won", "low", "high")
 _OF_MEDIAN = ("median", "median_low", "median_high")
 ALONE_COLUMNS = ("agent", "number", "games", "mean", "low", "high", *_OF_MEDIAN)
 
@@ -65,7 +65,7 @@ def _rate_against(
     fair = "" if num_teams == 2 else f" (fair: {1.0 / num_teams:.1%})"
     sys.stdout.write(
         f"{options.agent} on {game.name} {name}: share of games won{fair}, draws are not wins\n"
-        f"{'against':{width}} {'games':>6} {'won':>6} {'drawn':>6} {'lost':>6}  win rate\n"
+        f"{'against':{width}} {'games':>6} {'won':>6} {'drawn':>6} {'lost':>6}  share won\n"
     )
     rows: list[tuple[object, ...]] = []
     for source, opponent in zip(options.against, opponents, strict=True):
@@ -98,7 +98,7 @@ def _rate_alone(
         result = play_alone(agent, game, scenario, options.games, options.seed, identity, record)
         low, high = share_interval(result.ended, result.games)
         share = result.ended / result.games
-        sys.stdout.write(f"{source}: {share:.1%} [{low:.1%}, {high:.1%}] ended before their time\n")
+        sys.stdout.write(f"{source}: {share:.1%} [{low:.1%}, {high:.1%}] ended before the time limit\n")
         rows.append((source, "ended", result.games, *_digits(share, low, high), "", "", ""))
         for number, values in {"score": result.scores, **result.numbers}.items():
             mean = float(values.mean()), *mean_interval(values)
@@ -120,7 +120,7 @@ def _digits(*values: float) -> tuple[str, ...]:
 def format_row(
     source: str, counts: Sequence[int], shares: tuple[float, float, float], width: int
 ) -> str:
-    """Games, wins, draws and losses against one opponent; the win rate with its 95 % interval."""
+    """Games, wins, draws and losses against one opponent; the share won with its 95 % interval."""
     share, low, high = shares
     numbers = " ".join(f"{count:>6}" for count in counts)
     return f"{source:{width}} {numbers}  {share:.1%} [{low:.1%}, {high:.1%}]"

@@ -83,7 +83,8 @@ def make_parser(command: str) -> Parser:
         f"marl-cair {command}",
         description=f"{__doc__} The same command again resumes it, also after a crash; finished "
         "cells are not repeated.",
-        epilog="example: marl-cair experiment plan.yaml --budget 20m",
+        epilog=f"example: marl-cair {command} "
+        f"{'thesis' if command == 'reproduce' else 'plan.yaml'} --budget 20m",
     )
     parser.add_argument(
         "plan", help=f"a YAML file, or a ready-made plan: {', '.join(list_plans())}"

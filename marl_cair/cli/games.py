@@ -1,10 +1,10 @@
-"""`marl-cair games`: list the games as text or as JSON."""
+"""`marl-cair games`: list games with scenarios, bots and rewards, as text or as JSON."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,11 +29,14 @@ class Row(NamedTuple):
 def run(arguments: Sequence[str]) -> int:
     """Print the list; returns the exit code."""
     parser = Parser("marl-cair games", description=__doc__)
+    parser.add_argument("games", nargs="*", help="which (default: all)")
     parser.add_argument("--json", action="store_true", help="everything, for programs")
-    if parser.parse_args(arguments).json:
-        sys.stdout.write(json.dumps(GAMES.apply_to_all(_describe_for_json), indent=2) + "\n")
-    else:
-        sys.stdout.write("\n".join(GAMES.apply_to_all(_format_game).values()))
+    options = parser.parse_args(arguments)
+    describe: Callable[[Game], Any] = _describe_for_json if options.json else _format_game
+    named = {name: GAMES.apply(name, describe) for name in options.games}
+    found = named or GAMES.apply_to_all(describe)
+    text = json.dumps(found, indent=2) + "\n" if options.json else "\n".join(found.values())
+    sys.stdout.write(text)
     return EXIT_DONE
 
 

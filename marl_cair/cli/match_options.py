@@ -50,7 +50,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--game": {
         "choices": GAMES,  # looked up late: packages and tests add games
-        "help": "default: the game that the first checkpoint was trained on, or the first choice",
+        "help": "default: the game that the first checkpoint was trained on, else deep_line_wars",
     },
     "--scenario": {
         "help": "a scenario of the game, as `marl-cair games` lists them (default: the one that "

@@ -50,12 +50,12 @@ class BatchedEngine:
         num_worlds: B, at least 1.
         num_threads: the batch is split into so many slices; the results do not depend on it.
 
-    Attributes: arrays that every step, reset and restore writes in place.
-        rewards: float32 [B, P], of the last step.
-        terminated, truncated: bool [B], whether the game has been decided, or ran out of time.
+    Attributes:
+        rewards: float32 [B, P], of the last step. All these arrays are written in place.
+        terminated: bool [B], whether the game has been decided.
+        truncated: bool [B], whether it ran out of time.
         winner: int8 [B], the winning seat; NO_WINNER for none or a draw.
-        eliminated: bool [B, P], seats that are out while others may play on: only the no-op is
-            legal for them.
+        eliminated: bool [B, P], seats that are out: only the no-op is legal for them.
         illegal_actions: int32 [B, P], illegal actions of each seat since its world's reset.
 
     Raises:

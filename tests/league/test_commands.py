@@ -90,7 +90,7 @@ def test_evaluate_plays_on_the_scenario_of_the_checkpoint(tmp_path, capsys):
     assert "on deep_line_wars 11x11" in capsys.readouterr().out
     (row,) = csv.DictReader(table.read_text("utf-8").splitlines())
     assert (row["opponent"], row["games"]) == ("random", "2")
-    assert float(row["low"]) <= float(row["win_rate"]) <= float(row["high"])
+    assert float(row["low"]) <= float(row["share_won"]) <= float(row["high"])
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ def run(arguments: Sequence[str]) -> int:
             f"{options.file} is no file: name a replay, as --record writes one, or FILE#3 for its "
             "game 3"
         )
-    is_listed = not (options.to or options.agents or options.player is not None)
+    is_listed = not (options.to or options.agents or options.seat is not None)
     if is_listed and chosen is None and count_games(file) > 1:
         for number, replay in enumerate(read_replays(file)):
             line = f"{file}#{number}: {describe_result(replay)}"
@@ -59,8 +59,8 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(
             f"--agents names {num}, the game has {num_players} seats: give one agent for each seat"
         )
-    if options.player is not None and options.player not in range(num_players):
-        raise ValueError(f"--player is {options.player}, it must be in 0..{num_players - 1}")
+    if options.seat is not None and options.seat not in range(num_players):
+        raise ValueError(f"--seat is {options.seat}, it must be in 0..{num_players - 1}")
     if not options.to:
         sys.stdout.write(describe_replay(replay))
     elif suffix == STATES:
@@ -69,7 +69,7 @@ def run(arguments: Sequence[str]) -> int:
     elif suffix == VIEWER:
         sys.stdout.write(f"{options.to}: {save_viewer(replay, options):,} bytes\n")
     else:
-        frames = render_frames(replay, options.every, options.player)
+        frames = render_frames(replay, options.every, options.seat)
         fps = options.fps or max(1, replay.spec.render_fps // options.every)
         count = WRITERS[suffix](options.to, frames, fps)
         sys.stdout.write(f"{options.to}: {count} frames\n")
@@ -84,7 +84,7 @@ def save_viewer(replay: Replay, options: argparse.Namespace) -> int:
     return write_viewer(
         options.to,
         add_values(replay, dict(enumerate(given))),
-        views=None if options.player is None else [options.player],
+        views=None if options.seat is None else [options.seat],
         every=options.every,
         fps=options.fps,
     )
@@ -186,9 +186,7 @@ def make_parser() -> Parser:
         "pip install 'marl_cair[video]'), .npz (states), or a new folder for PNG files (default: "
         "the game is printed)",
     )
-    parser.add_argument(
-        "--player", type=int, metavar="SEAT", help="the view of a seat, from 0 (default: the whole)"
-    )
+    parser.add_argument("--seat", type=int, help="the view of a seat, from 0 (default: the whole)")
     parser.add_argument(
         "--every", type=int, default=1, help="frames are of each so many steps (default: 1)"
     )

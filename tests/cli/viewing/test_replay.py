@@ -50,7 +50,7 @@ def test_the_games_of_a_file_are_listed(games, tmp_path, capsys):
     ]
     out = str(tmp_path / "a.gif")
     assert_refused(capsys, "holds 2 games: name one, ", "replay", str(path), "--to", out)
-    assert_refused(capsys, "holds 2 games: name one, ", "replay", str(path), "--player", "1")
+    assert_refused(capsys, "holds 2 games: name one, ", "replay", str(path), "--seat", "1")
     assert_refused(capsys, "has no game 2, only 0..1", "replay", f"{path}#2")
     assert_refused(capsys, "#x is no file: name a replay", "replay", f"{path}#x")
 
@@ -109,7 +109,7 @@ def test_pictures_show_the_view_of_a_seat(tmp_path):
     path = tmp_path / "a.replay"
     with ReplayWriter(path, engine, map_seeds=[3], players=["abcdef"]):
         pass
-    assert main(["replay", str(path), "--to", str(tmp_path / "new"), "--player", "4"]) == 0
+    assert main(["replay", str(path), "--to", str(tmp_path / "new"), "--seat", "4"]) == 0
     with Image.open(tmp_path / "new" / "00000.png") as picture:
         np.testing.assert_array_equal(np.array(picture), engine.render(0, 4))
 
@@ -135,7 +135,7 @@ def test_states_are_those_of_the_game(file, tmp_path):
         (("--to", "a.avi"), "--to is 'a.avi': give a file that ends in .html, .gif, .mp4 or .npz"),
         (("--every", "0"), "--every is 0, it must be 1 or more"),
         (("--fps", "-1"), "--fps is -1, it must be 1 or more"),
-        (("--player", "2"), "--player is 2, it must be in 0..1"),
+        (("--seat", "2"), "--seat is 2, it must be in 0..1"),
     ],
 )
 def test_options_out_of_range_are_refused(file, capsys, words, message):
@@ -226,7 +226,7 @@ def test_stored_games_of_a_league_are_replayed(tmp_path, capsys):
 
 def test_a_page_plays_the_game(file, tmp_path, capsys):
     path = tmp_path / "a.html"
-    assert main(["replay", file, "--to", str(path), "--every", "4", "--player", "1"]) == 0
+    assert main(["replay", file, "--to", str(path), "--every", "4", "--seat", "1"]) == 0
     assert capsys.readouterr().out == f"{path}: {path.stat().st_size:,} bytes\n"
     game = json.loads(read_game(path))
     assert (game["steps"], game["every"]) == (10, 4)

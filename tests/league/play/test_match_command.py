@@ -190,8 +190,8 @@ def test_evaluate_needs_a_rival_where_there_are_rivals(capsys):
 def test_evaluate_rates_solo_agents_apart(capsys):
     text = run(capsys, "evaluate", "idle", "--scenario", "alone", "--games", "20")
     assert "alone: 20 games, each alone" in text
-    assert "idle: 0.0% [0.0%, 16.1%] ended before their time" in text
-    assert "random: 100.0% [83.9%, 100.0%] ended before their time" in text
+    assert "idle: 0.0% [0.0%, 16.1%] ended before the time limit" in text
+    assert "random: 100.0% [83.9%, 100.0%] ended before the time limit" in text
 
 
 def test_more_games_than_were_asked_for_are_reported(capsys):

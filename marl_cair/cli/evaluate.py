@@ -97,9 +97,11 @@ def _rate_alone(
         record = shared.choose_recording(options.record, source)
         result = play_alone(agent, game, scenario, options.games, options.seed, identity, record)
         low, high = share_interval(result.ended, result.games)
-        share = result.ended / result.games
-        sys.stdout.write(f"{source}: {share:.1%} [{low:.1%}, {high:.1%}] ended before the time limit\n")
-        rows.append((source, "ended", result.games, *_digits(share, low, high), "", "", ""))
+        part = result.ended / result.games
+        sys.stdout.write(
+            f"{source}: {part:.1%} [{low:.1%}, {high:.1%}] ended before the time limit\n"
+        )
+        rows.append((source, "ended", result.games, *_digits(part, low, high), "", "", ""))
         for number, values in {"score": result.scores, **result.numbers}.items():
             mean = float(values.mean()), *mean_interval(values)
             median = float(np.median(values)), *median_interval(values)

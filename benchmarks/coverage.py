@@ -1,7 +1,7 @@
 """Measure how often 95 % intervals of ratings, and of scores, hold the truth.
 
 python -m benchmarks.coverage [--leagues 500] [--seed 0] [--effects 0 80 150] [--players 2 3 4]
-    [--blocks 8 20 40] [--seeds own shared] [--scores]
+    [--blocks 8 20 40] [--seeds own shared] [--scores | --runs]
 Games are simulated, their schedule, seating, fit and resampling are the package's. An agent's
 rating on a map is its own plus a normal number of each agent and map seed, with the standard
 deviation `--effects` in Elo. Each line-up has map seeds of its own, as leagues have since these
@@ -10,6 +10,7 @@ games: what more games of these agents would give. Prints a table in Markdown.
 
 --scores: intervals of the score of one agent against another in `--leagues` matches, of blocks of
 two games in which the map decides both games with some probability.
+--runs: intervals of interquartile means over `--leagues` tables of runs with normal scores.
 """
 
 import argparse
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from marl_cair.experiments.summary import find_iqm
 from marl_cair.league.play.blocks import make_design
 from marl_cair.league.play.schedule import schedule_meetings
 from marl_cair.league.ratings import rate as ratings_module
@@ -174,6 +176,15 @@ def measure_scores(num_matches: int, blocks: list[int], seed: int) -> None:
         )
 
 
+def measure_runs(num_tables: int, seed: int) -> None:
+    """Print how often intervals of `experiments.summary` hold the truth, by runs of a cell."""
+    print("| runs | coverage |\n|---|---|")
+    for num_runs in (2, 3, 4, 5, 10, 15):
+        tables = np.random.default_rng(seed).normal(size=(num_tables, num_runs))
+        found = [find_iqm([table]) for table in tables]
+        print(f"| {num_runs} | {np.mean([one.low <= 0 <= one.high for one in found]):.3f} |")
+
+
 def hash_seed(seed: int, league: int) -> int:
     """Another number for each league and seed."""
     return int(np.random.SeedSequence([seed, league]).generate_state(1)[0])
@@ -196,7 +207,11 @@ def main() -> None:
     parser.add_argument("--blocks", type=int, nargs="+", default=[8, 20, 40])
     parser.add_argument("--seeds", nargs="+", choices=SEEDS, default=["own"])
     parser.add_argument("--scores", action="store_true", help="of matches in place of leagues")
+    parser.add_argument("--runs", action="store_true", help="of experiments in place of leagues")
     options = parser.parse_args()
+    if options.runs:
+        measure_runs(options.leagues, options.seed)
+        return
     if options.scores:
         measure_scores(options.leagues, options.blocks, options.seed)
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from pathlib import Path
 from typing import Any
 
 import griffe
@@ -20,7 +21,7 @@ class FieldComments(griffe.Extension):
         """Set the docstring of a field that has none."""
         if attr.docstring or not isinstance(node, ast.AnnAssign) or attr.lineno is None:
             return
-        lines = attr.lines_collection[attr.filepath]
+        lines = attr.lines_collection[Path(str(attr.filepath))]
         first, last = attr.lineno - 1, attr.endlineno or attr.lineno
         above = first
         while lines[above - 1].lstrip().startswith("#"):

@@ -10,18 +10,18 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_695,
     "policies": 2_440,
-    "replay": 2_450,
-    "generative": 3_275,
+    "replay": 2_460,
+    "generative": 3_285,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_675,
-    "experiments": 1_640,
+    "training": 7_745,
+    "experiments": 1_645,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_350,
+    "cli": 4_360,
     "": 1_955,  # the modules that every part may import
 }
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.match import describe_doubts
+from marl_cair.cli.match import describe_doubts, warn_of_repeats
 from marl_cair.cli.parser import Parser
 from marl_cair.files import write_atomically
 from marl_cair.games.game import Game
@@ -95,11 +95,13 @@ def _rate_alone(
     for source, agent in zip(sources, agents, strict=True):
         identity = find_fingerprint(agent, game)
         record = shared.choose_recording(options.record, source)
-        result = play_alone(agent, game, scenario, options.games, options.seed, identity, record)
+        played = play_alone(agent, game, scenario, options.games, options.seed, identity, record)
+        result = played.without_repeats()
+        doubts = warn_of_repeats(options.games, played.distinct_games)
         low, high = share_interval(result.ended, result.games)
         part = result.ended / result.games
         sys.stdout.write(
-            f"{source}: {part:.1%} [{low:.1%}, {high:.1%}] ended before the time limit\n"
+            f"{source}: {part:.1%} [{low:.1%}, {high:.1%}] ended before the time limit{doubts}\n"
         )
         rows.append((source, "ended", result.games, *_digits(part, low, high), "", "", ""))
         for number, values in {"score": result.scores, **result.numbers}.items():
@@ -112,7 +114,7 @@ def _rate_alone(
 
 
 def _format(value: float, low: float, high: float) -> str:
-    return f"{value:.2f} [{low:.2f}, {high:.2f}]"
+    return f"{value:.2f}" + (f" [{low:.2f}, {high:.2f}]" if np.isfinite(high - low) else "")
 
 
 def _digits(*values: float) -> tuple[str, ...]:

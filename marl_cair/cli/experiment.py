@@ -40,6 +40,7 @@ def run_plan(command: str, arguments: Sequence[str], panels: bool = False) -> in
     options = make_parser(command).parse_args(arguments)
     from marl_cair.experiments.experiment import ExperimentConfig, run_experiment
     from marl_cair.experiments.plan import read_plan
+    from marl_cair.experiments.tables import LOOKS
 
     path = _find_plan(options.plan)
     seconds = shared.read_seconds(options.budget, "--budget") if options.budget else None
@@ -55,12 +56,14 @@ def run_plan(command: str, arguments: Sequence[str], panels: bool = False) -> in
         panels=panels,
     )
     result = run_experiment(read_plan(path), config, compose)
-    sys.stdout.write(f"{result.text}\nTables, looks.csv and figure.png are in {out}\n")
+    is_empty = not (out / LOOKS).is_file()
+    where = "" if is_empty else f"\nTables, looks.csv and figure.png are in {out}\n"
+    sys.stdout.write(result.text + where)
     for name, why in result.failed.items():
         sys.stderr.write(f"{name} failed: {why}\n")
     if result.failed:
         sys.stderr.write("the same command again runs cells that failed\n")
-    return EXIT_DAMAGED if result.failed else EXIT_DONE
+    return EXIT_DAMAGED if result.failed or is_empty else EXIT_DONE
 
 
 def compose(layers: Sequence[Sequence[str]]) -> TrainConfig:

@@ -135,7 +135,7 @@ def compare_scores(pairing: Pairing, num_games: int) -> tuple[str, str, str]:
     return (
         f"each alone on the same {num_games} map seeds; a score is the sum of a game's rewards",
         f"{means}; A less B {_format(gain)}",
-        verdict + _warn_of_repeats(num_games, distinct),
+        verdict + warn_of_repeats(num_games, distinct),
     )
 
 
@@ -199,11 +199,12 @@ def describe_doubts(num_games: int, match: MatchResult) -> str:
     left_out, text = num_games - match.games, ""
     if left_out:
         text = f" {left_out} of {num_games} games repeat the others, move by move: not counted."
-    text += _warn_of_repeats(match.games, match.distinct_games)
+    text += warn_of_repeats(match.games, match.distinct_games)
     return text + _warn_of_forfeits(match.forfeits)
 
 
-def _warn_of_repeats(num_games: int, num_distinct: int) -> str:
+def warn_of_repeats(num_games: int, num_distinct: int) -> str:
+    """A remark, if not all games differ."""
     if num_distinct == num_games:
         return ""
     return f" (only {num_distinct} of {num_games} games differ from one another)"

@@ -144,7 +144,7 @@ def list_drafts(plan: Plan) -> Iterator[Draft]:
                 continue
             choices = dict(zip(plan.factors, chosen, strict=True))
             words = [plan.factors[factor][choice] for factor, choice in choices.items()]
-            words += [about.when[choice] for choice in chosen if choice in about.when]
+            words += [about.when.get(choice) or () for choice in chosen]
             yield Draft(task, choices, words)
         for name, place in plan.others.items():
             if (own := about.when.get(name, ())) is not None:

@@ -55,7 +55,8 @@ class TaskSettings:
     """A game, how agents are rated there, and what they are compared with."""
 
     words: tuple[str, ...] = ()  # of `marl-cair train`
-    when: dict[str, Any] = field(default_factory=dict)  # further words by choice; null: no cell
+    # Further words by choice; null: no cell.
+    when: dict[str, tuple[str, ...] | None] = field(default_factory=dict)
     agents: tuple[str, ...] = ()  # bots and checkpoints that are rated without training
     rating: RatingSettings = field(default_factory=RatingSettings)
     levels: tuple[float, ...] = ()  # scores that runs are to reach and hold

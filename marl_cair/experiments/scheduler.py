@@ -100,9 +100,8 @@ class LocalProcesses:
                 self._running.add(process)
             with process:  # closes its pipes
                 for line in process.stdout or ():
-                    if line.startswith("{"):
-                        found = json.loads(line)
-                        note(cell.name, found["share"], found["score"])
+                    found = json.loads(line)
+                    note(cell.name, found["share"], found["score"])
         with self._lock:
             self._running.discard(process)
         code = process.returncode

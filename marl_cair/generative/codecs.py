@@ -11,10 +11,10 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.generator import Generator
-from marl_cair.generative.quality import Imagined
+from marl_cair.generative.quality import VECTOR_STEPS, Imagined, join_digits
 from marl_cair.replay.transition import NEXT_OBSERVATION, OBSERVATION
 
-COARSE, FINE = 256, 16  # levels of a vector's entry, and steps of each level
+COARSE, FINE = 256, VECTOR_STEPS  # levels of a vector's entry, and steps of each level
 LEVELS = COARSE * FINE - 1
 
 
@@ -87,10 +87,7 @@ class VectorCodec:
         return torch.cat([zeros, digits], 1)[:, :, None, None]
 
     def _decode(self, planes: Tensor) -> Tensor:
-        digits = planes[:, 1:, 0, 0].long()
-        # A sample may step beyond the last step of a level.
-        levels = digits[:, ::2] * FINE + digits[:, 1::2].clamp(max=FINE - 1)
-        vectors: Tensor = self.low + levels.float() * self.scale
+        vectors: Tensor = self.low + join_digits(planes.flatten(1)).float() * self.scale
         return vectors
 
 

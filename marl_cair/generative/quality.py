@@ -15,6 +15,7 @@ from marl_cair.generative.networks.boards import is_picture
 from marl_cair.generative.settings import GeneratorSpec
 
 NUM_CALIBRATION_BINS = 10
+VECTOR_STEPS = 16  # of each level of a vector's entry, see `codecs.VectorCodec`
 LEAST_CONSTANT = 5e-3  # of rewards: errors are divided by the constant, or by this if it is less
 HORIZONS = (1, 2, 4, 8, 16)  # steps of open-loop prediction
 
@@ -43,7 +44,8 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     cells/...: of boards and frames, with the copy baseline beside them. moved: share of the cells
     to which a unit has moved where a value is predicted (a recall); moved_exactly: the right value;
     moved_precision: share of the predicted moves whose cell does hold a value. exact: whole
-    observations. change_explained: of pictures, share of the squared change that is predicted. In
+    observations. change_explained: of pictures and vectors, share of the squared change that is
+    predicted. In
     none of these do rows that end count: what is seen after an end is never used.
     """
     ends = rows["next", "terminated"].squeeze(-1)
@@ -77,8 +79,7 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
         total = (changed.sum() + predicted.sum()).clamp_min(1)
         numbers["cells/changed_f1"] = float(2.0 * hits / total)
         if is_picture(spec):
-            left, change = ((one.float() - after.float()).square().sum() for one in (made, before))
-            numbers["cells/change_explained"] = 1.0 - float(left / change)
+            numbers["cells/change_explained"] = _find_explained(before, made, after)
     moved = find_moves(before, after)
     if moved.any():
         numbers["cells/moved"] = _share((made > 0)[moved])
@@ -88,6 +89,9 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
         numbers["cells/moved_precision"] = _share((after > 0)[claimed])
     accuracy, copies = (_find_plane_accuracy(one, real, spec) for one in (guess, now))
     scalars = range(spec.num_spatial, spec.num_planes)
+    if now.shape[2:] == (1, 1):  # a vector of `codecs.VectorCodec`: no cell ever changes
+        digits = (join_digits(one.flatten(1)) for one in (now, guess, real))
+        numbers["cells/change_explained"] = _find_explained(*digits)
     if scalars:
         gains = (accuracy[plane] - copies[plane] for plane in scalars)
         numbers["scalars/least_gain"] = min(gains)
@@ -95,6 +99,18 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
         numbers[f"plane_{plane}/accuracy"] = accuracy[plane]
         numbers[f"plane_{plane}/copy_accuracy"] = copies[plane]
     return numbers
+
+
+def join_digits(planes: Tensor) -> Tensor:
+    """Whole numbers int64 [N, V] of the planes [N, 1 + 2 V] of a vector: levels and their steps."""
+    digits = planes[:, 1:].long()  # a sample may step beyond the last step of a level
+    return digits[:, ::2] * VECTOR_STEPS + digits[:, 1::2].clamp(max=VECTOR_STEPS - 1)
+
+
+def _find_explained(before: Tensor, made: Tensor, after: Tensor) -> float:
+    """Share of the squared change that is predicted: 1 for all of it, 0 for a copy."""
+    left, change = ((one.float() - after.float()).square().sum() for one in (made, before))
+    return 1.0 - float(left / change.clamp_min(1e-9))
 
 
 def differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:

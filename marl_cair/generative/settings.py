@@ -197,7 +197,7 @@ class GateConfig:
 
     min_heldout_rows: int = 200  # below this the standard error of a share is above 3 %
     min_changed_f1: float = 0.6  # a copy scores 0; emptying every cell half if all units move
-    min_change_explained: float = 0.6  # of pictures, for the F1: share of the squared change
+    min_change_explained: float = 0.6  # of pictures and vectors, for the F1: of squared change
     min_reward_explained: float = 0.6  # of their variance; what views hide cannot be explained
     max_constant_reward_error: float = 0.2  # if rewards hardly vary: error as a share of theirs
     min_terminals: int = 10  # fewer held-out ends cannot show the AUC: generate no ends

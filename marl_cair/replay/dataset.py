@@ -12,7 +12,13 @@ from typing import Any, NamedTuple
 import torch
 from tensordict import MemoryMappedTensor, TensorDict
 
-from marl_cair.files import find_folder, replaced_folder, require_free_space, write_json
+from marl_cair.files import (
+    OutputFolderError,
+    find_folder,
+    replaced_folder,
+    require_free_space,
+    write_json,
+)
 from marl_cair.replay.transition import OTHER_ACTIONS, Key, TransitionSpec
 from marl_cair.stored import MANIFEST_FILE, DamagedFileError, read_json, read_manifest
 
@@ -76,8 +82,11 @@ def new_dataset(folder: Path, about: DatasetDescription) -> Iterator[TransitionD
     """Yield an empty data set to fill: its files replace `folder` at the end of the block.
 
     The counts of transitions in `about` size it; `finish` writes the final description.
-    Raises NotEnoughSpaceError before anything is written.
+    Raises NotEnoughSpaceError before anything is written, OutputFolderError for a folder of
+    something else.
     """
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / DATASET_FILE).is_file():
+        raise OutputFolderError(f"{folder} holds files of no data set: choose another folder")
     row_bytes = sum(dtype.itemsize * math.prod(shape) for dtype, shape in about.columns().values())
     num_rows = about.num_train + about.num_heldout
     require_free_space(folder, num_rows * row_bytes + (1 << 20))

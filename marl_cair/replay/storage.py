@@ -8,9 +8,7 @@ steps are assembled in the same way (replay/ring.py).
 """
 
 import os
-import shutil
 import tempfile
-import weakref
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -91,7 +89,6 @@ class EpisodeStorage:
         self.sequence_steps, self._window = sequence_steps, (sequence_steps, burn_in_steps)
         # No more windows can start in the ring.
         num_states = capacity // (sequence_steps - burn_in_steps) + 1 if spec.state_size else 1
-        self.scratch_folder: Path | None = None
         self._fields = {transition.OTHER_ACTIONS: (torch.int64, (0,)), **spec.fields()}
         self._discounts = np.array([gamma**k for k in range(n_steps)], np.float64)
         # NumPy: torch.empty would write every page under deterministic algorithms.
@@ -121,10 +118,7 @@ class EpisodeStorage:
         num_bytes = shape[0] * shape[1]
         require_free_space(scratch_dir, num_bytes)
         Path(scratch_dir).mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix="replay-", dir=scratch_dir))
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        self.scratch_folder = folder
-        with (folder / "rows.bin").open("w+b") as file:
+        with tempfile.TemporaryFile(dir=scratch_dir) as file:  # without a name: nothing is left
             # Reserved now: a full disk would later kill the process at a write to the map.
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(file.fileno(), 0, num_bytes)
@@ -195,6 +189,11 @@ class EpisodeStorage:
         sizes = self.spec.board_bytes, self.spec.num_cells
         ring.append_steps(self._ring, steps, streams, slots, self._window, sizes)
         return torch.from_numpy(slots[steps.learned])
+
+    def open_slots(self) -> torch.Tensor:
+        """Slots of the newest entry of each stream, which the next rollout may continue: int64."""
+        ends = np.empty(0, np.int64) if self._streams is None else self._streams.open_ends
+        return torch.from_numpy(ends[ends != NO_ENTRY] % self.capacity)
 
     def forget_streams(self) -> None:
         """The next rollout follows no stored step: running games were given up."""

@@ -1,8 +1,9 @@
-"""Makes the first network of a run: a new one, or that of an agent."""
+"""Makes the first network of a run, a new one or that of an agent, and its empty replay."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -15,6 +16,8 @@ from marl_cair.policies import GREEDY
 from marl_cair.policies.capsule import stride_first
 from marl_cair.policies.config import NAF, QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
+from marl_cair.replay.buffer import ReplayConfig
+from marl_cair.replay.mixed import MixedReplay, make_mixed_replay
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.generating.generators import count_others
 from marl_cair.training.settings.config import TrainConfig
@@ -61,6 +64,26 @@ def describe_rows(
     state_size = policy.resolve_state_size() if config.learner.learns_from_replay else 0
     others = count_others(config, spec)
     return TransitionSpec(seen.shape, spec.num_actions, seen.num_uniform, dtype, state_size, others)
+
+
+def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int]) -> MixedReplay:
+    """The empty replay of a run. seeds: of the real and of the generated rows."""
+    replay, learner = config.replay, config.learner
+    settings = ReplayConfig(
+        capacity_transitions=replay.capacity_transitions,
+        batch_size=learner.batch_size,
+        n_steps=learner.n_steps,
+        gamma=learner.gamma,
+        scratch_dir=replay.scratch_dir,
+        priority_alpha=replay.priority_alpha,
+        priority_beta=replay.priority_beta,
+        seed=seeds[0],
+        sequence_steps=replay.sequence_steps if spec.state_size else 1,
+        burn_in_steps=replay.burn_in_steps if spec.state_size else 0,
+    )
+    shares = config.synthetic_fraction, config.generator.loss_weight
+    ring = replay.generated_capacity_transitions, seeds[1]
+    return make_mixed_replay(settings, spec, shares, ring)
 
 
 def can_begin_as(agent: str) -> bool:

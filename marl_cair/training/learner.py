@@ -31,16 +31,22 @@ class DivergedError(ValueError):
     """Loss or gradient are not finite; the weights are those before the update."""
 
 
+def _share_weights(network: QNetwork) -> QNetwork:
+    """A network that acts with these weights, in evaluation mode, while they are trained."""
+    weights = [*network.parameters(), *network.buffers()]
+    return deepcopy(network, {id(weight): weight for weight in weights}).eval()
+
+
 class Learner:
     """Network, target network, optimiser, and the averaged weights that are rated and kept.
 
     The loss is an entry of `LOSSES`. Neighbouring actions differ little in value, so a few updates
     can change the greedy policy; `average` is the exponential moving average of the weights (Polyak
-    and Juditsky 1992), whose policy is steady. `behaviour` collects: the network, or another one
-    with the weights of `average`. All are on the device of `network`.
+    and Juditsky 1992), whose policy is steady. `newest` acts with the weights of `network`;
+    `behaviour` collects: `newest`, or a network with the weights of `average`. All are on the
+    device of `network`.
 
-    Noisy layers have noise in network, target network and `behaviour`, from a generator with
-    `seed`, and none in `average`.
+    Noisy layers have noise in all of them but `average`, from a generator with `seed`.
     """
 
     def __init__(
@@ -57,12 +63,11 @@ class Learner:
         self.target = network
         if self.loss.HAS_TARGET_NETWORK:
             self.target = deepcopy(network).requires_grad_(False)
-        self.behaviour = network
-        if settings.behaviour == AVERAGED:
-            weights = [*self.average.parameters(), *self.average.buffers()]
-            self.behaviour = deepcopy(self.average, {id(weight): weight for weight in weights})
+        self.newest = _share_weights(network)
+        is_averaged = settings.behaviour == AVERAGED
+        self.behaviour = _share_weights(self.average) if is_averaged else self.newest
         self.noise = torch.Generator().manual_seed(seed)
-        for noisy in (self.network, self.target, self.behaviour):
+        for noisy in (self.network, self.target, self.newest, self.behaviour):
             set_noise(noisy, self.noise)
         self._parameters: list[Tensor] = list(network.parameters())
         self._targets: list[Tensor] = list(self.target.parameters())

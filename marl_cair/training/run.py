@@ -22,8 +22,6 @@ from marl_cair.policies import GREEDY, SAMPLED
 from marl_cair.policies.actor import MaskedEpsilonGreedy, MaskedSampling, PolicyActor
 from marl_cair.policies.q_network import QNetwork, make_q_network
 from marl_cair.ranges import COUNT, FLAG, WEIGHT, Range, read_number, read_numbers
-from marl_cair.replay.buffer import ReplayConfig
-from marl_cair.replay.mixed import make_mixed_replay
 from marl_cair.replay.reservoir import Reservoir
 from marl_cair.self_play.pool import Pool
 from marl_cair.self_play.shared_folder import LeagueSeat
@@ -44,6 +42,7 @@ from marl_cair.training.initial_network import (
     describe_rows,
     fit_policy,
     make_initial_network,
+    make_replay,
 )
 from marl_cair.training.learner import Learner
 from marl_cair.training.outside_loss import check_loss
@@ -91,7 +90,7 @@ class TrainingRun:
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
         memory.keep_freed_memory()
-        self._claim = ExitStack()
+        self._claim, self.generator_failures = ExitStack(), 0
         words = np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
         self._seeds: list[int] = words.tolist()
         if resume and (self.folder / files.RUN_MARKER).is_file():
@@ -105,12 +104,20 @@ class TrainingRun:
         real, rows = self.replay.real, self.transition_spec
         state_file.require_space(self.folder, config, real, rows, self._resumes)
         self._claim.enter_context(self._claim_folder(resume))
-        config_file.save_config(config)
+        try:
+            self._begin(resume)
+        except BaseException:
+            self._claim.close()
+            raise
+
+    def _begin(self, resume: bool) -> None:
+        """Begin, or go on from the last saved state."""
+        config_file.save_config(self.config)
         self.frames = 0
         self.processor_seconds = 0.0  # of collecting and learning, over all sittings
-        self.best_score = -math.inf  # of all evaluations
-        self.has_reached_score = False  # `config.stop_score`, in two evaluations
-        self.gate_is_open, self.generator_is_on, self.generator_failures = False, True, 0
+        # Of all evaluations; of the last one that was repeated because it reached `stop_score`.
+        self.best_score = self.confirmed_score = -math.inf
+        self.gate_is_open, self.generator_is_on = False, True
         files.recover_folder(self.folder / RESUME_FOLDER)
         # Checked again: another process may have saved its first state here since.
         if resume and (self.folder / RESUME_FOLDER).is_dir():
@@ -159,41 +166,30 @@ class TrainingRun:
         )
         self.spec = self.env.engine.spec
         self.seen = self.env.engine.representation(game.representation)
-        begun = self.config.policy, self.seen, self.spec
-        self.policy = fit_policy(*begun, source=self.config.initial_agent)
+        latest, source = str(self.folder / checkpoint.LATEST_FOLDER), self.config.initial_agent
+        source = latest if source and self._resumes else source  # the first may be elsewhere now
+        self.policy = fit_policy(self.config.policy, self.seen, self.spec, source=source)
 
     def _make_replay(self) -> None:
         config, seen, engine = self.config, self.seen, self.env.engine
-        replay, learner = config.replay, config.learner
         self.transition_spec = spec = describe_rows(config, self.policy, seen, self.spec)
         memory.require_memory_of_learning(config, self.policy, seen, spec)
-        settings = ReplayConfig(
-            capacity_transitions=replay.capacity_transitions,
-            batch_size=learner.batch_size,
-            n_steps=learner.n_steps,
-            gamma=learner.gamma,
-            scratch_dir=replay.scratch_dir,
-            priority_alpha=replay.priority_alpha,
-            priority_beta=replay.priority_beta,
-            seed=self._seeds[1],
-            sequence_steps=replay.sequence_steps if spec.state_size else 1,
-            burn_in_steps=replay.burn_in_steps if spec.state_size else 0,
-        )
-        shares = config.synthetic_fraction, config.generator.loss_weight
-        ring = replay.generated_capacity_transitions, self._seeds[2]
-        self.replay = make_mixed_replay(settings, spec, shares, ring)
+        self.replay = make_replay(config, spec, self._seeds[1:3])
         storage = self.replay.real.storage
-        if config.demonstration.replays is not None:
-            shown, scale = config.demonstration, learner.reward_scale
+        saved = files.find_folder(self.folder / RESUME_FOLDER)
+        is_kept = self._resumes and (saved / REPLAY_FOLDER).is_dir()
+        if config.demonstration.replays is not None and not is_kept:
+            shown, scale = config.demonstration, config.learner.reward_scale
             fill_from_replays(storage, shown, engine, seen.name, scale)
-        if self.is_offline:
+        if self.is_offline and not is_kept:
             fill_from_dataset(storage, config, engine)
         self.make_generator(None if self._resumes else config.initial_generator)
 
     def make_generator(self, source: str | None = None) -> None:
         """Make the generator, if there is one; it begins with the weights of the run `source`."""
         make = generators.make_generator
-        self.generator = make(self.config, self.seen, self.spec, self._seeds[3], source)
+        seed = self._seeds[3] + self.generator_failures
+        self.generator = make(self.config, self.seen, self.spec, seed, source)
         generators.move_generator(self.generator, self.device)
 
     def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:
@@ -209,13 +205,14 @@ class TrainingRun:
         self._trained_before = count_training(source)  # frames and updates
         wanted = (self.game.name, seen, shape, num_actions)
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
-        exploration = make_exploration(config.exploration, self.spec.action_groups)
+        acts = self.spec.action_groups, self.spec.action_shape
+        exploration = make_exploration(config.exploration, *acts)
         check_loss(config.learner, network, self.transition_spec)
         network = network.to(self.device)
         self.learner = Learner(network, config.learner, config.demonstration, seeds[16])
         random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration
         self.actor = PolicyActor(self.learner.behaviour, "learner", seen, random)
-        self.newest = PolicyActor(self.learner.network, "newest", seen)
+        self.newest = PolicyActor(self.learner.newest, "newest", seen)
         self.rated = PolicyActor(self.learner.average, "learner", seen)
         self.own, self.average_policy = OwnPolicies(self.actor, exploration), None
         if config.nfsp.enabled:
@@ -311,6 +308,7 @@ class TrainingRun:
             "processor_seconds": self.processor_seconds,
             "trained_before": self._trained_before,
             "best_score": self.best_score,
+            "confirmed_score": self.confirmed_score,
             "gate_is_open": self.gate_is_open,
             "generator_is_on": self.generator_is_on,
             "generator_failures": self.generator_failures,
@@ -360,6 +358,8 @@ class TrainingRun:
         self.frames = read_number(state, "frames", COUNT)
         self.processor_seconds = read_number(state, "processor_seconds", WEIGHT)
         self.best_score = read_number(state, "best_score", _SCORES)
+        if "confirmed_score" in state:  # not in states from before it was saved
+            self.confirmed_score = read_number(state, "confirmed_score", _SCORES)
         frames, updates = read_numbers(state["trained_before"], "trained_before", COUNT)
         self._trained_before = frames, updates
         # An agent that is better than any before the state was saved is on disk all the same.

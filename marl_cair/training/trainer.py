@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
 from tensordict import TensorDict, TensorDictBase
 from tqdm import tqdm
 
-from marl_cair.checkpoint import save_tensors
+from marl_cair.checkpoint import LATEST_FOLDER, save_tensors
 from marl_cair.games.players.weak_bot import split_name
 from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents.load import load_agent
@@ -68,7 +71,18 @@ def train(
 
     Raises: as `TrainingRun`.
     """
-    run = TrainingRun(config, resume, seat, load)
+    with closing(TrainingRun(config, resume, seat, load)) as run:
+        return _train(run, show_progress, listen, until_frames, watch)
+
+
+def _train(
+    run: TrainingRun,
+    show_progress: bool,
+    listen: Callable[[dict[str, float]], None] | None,
+    until_frames: int | None,
+    watch: Callable[[TrainingRun], bool],
+) -> TrainResult:
+    config = run.config
     run.log.prints = show_progress
     if run.spec.num_teams == 1:
         text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
@@ -88,7 +102,7 @@ def train(
     with interrupts_noted(tqdm.write) as interrupted:
         steps = iterate(run, timers)
         goes_on = watch(run)
-        while goes_on and run.frames < goal and not (run.book.is_over or run.has_reached_score):
+        while goes_on and run.frames < goal and not (run.book.is_over or _has_reached_score(run)):
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
             before = next(steps)
@@ -109,11 +123,10 @@ def train(
         run.save_agent()
         run.save_state()
     bar.close()
-    run.close()
     is_over = run.book.is_over
     if is_over or run.frames >= goal:  # not within a slice
         run.book.publish(run.rated_network, run.describe_agent())
-    ends = interrupted.is_set(), last_row, is_over, run.has_reached_score, run.processor_seconds
+    ends = interrupted.is_set(), last_row, is_over, _has_reached_score(run), run.processor_seconds
     return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
 
 
@@ -158,18 +171,22 @@ def _iterate_offline(run: TrainingRun, timers: Timers) -> Iterator[int]:
 
 
 def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
-    """Store the learner's steps; pass those with a known next state to the generator."""
+    """Store the learner's steps; pass those whose next state is known now to the generator: the
+    newest of each stream waits for the next batch.
+    """
     run.frames += data.numel()
     with timers.measure("store"):
         if run.generator or run.learner.loss.LEARNS_FROM_REPLAY:
             num_others = run.transition_spec.num_others
             rollout = make_rollout(data, run.config.learner.reward_scale, num_others)
+            waiting = run.replay.real.storage.open_slots()
             slots = run.replay.real.extend_rollout(rollout)
+            waiting = waiting[~torch.isin(waiting, slots)]  # else they were overwritten
         if run.average_policy:
             run.average_policy.remember(data)
     if run.generator:
         with timers.measure("generate"):
-            observe_steps(run, slots)
+            observe_steps(run, torch.cat([waiting, slots]))
 
 
 def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
@@ -206,11 +223,12 @@ def _update(run: TrainingRun, batch: TensorDict, done: float) -> None:
         run.means.add(run.learner.update(batch, done))
     except DivergedError as error:
         path = run.folder / DIVERGED_FILE
-        save_tensors(batch.flatten_keys(".").to_dict(), path)
+        with suppress(OSError):  # a full disk must not hide the error
+            save_tensors(batch.flatten_keys(".").to_dict(), path)
         raise DivergedError(
-            f"training has diverged at frame {run.frames}: {error}; the batch is in {path}. Resume "
-            "from the last state, or begin again with a smaller learner.learning_rate or "
-            "learner.max_grad_norm"
+            f"training has diverged at frame {run.frames}: {error}; the batch is in {path}. Begin "
+            "again with a smaller learner.learning_rate or learner.max_grad_norm, also from this "
+            f"run's agent: initial_agent={run.folder / LATEST_FOLDER}"
         ) from error
 
 
@@ -259,9 +277,12 @@ def _evaluate(run: TrainingRun) -> dict[str, float]:
         if _may_stop(run, score):
             # Again in other games: the best of many evaluations is partly luck.
             fresh, _ = evaluate(run.rated, run.game, run.config, run.evaluation_seed + run.frames)
-            row["confirmed_score"] = sum(fresh) / len(fresh)
-            run.has_reached_score = _may_stop(run, row["confirmed_score"])
+            run.confirmed_score = row["confirmed_score"] = sum(fresh) / len(fresh)
     return row
+
+
+def _has_reached_score(run: TrainingRun) -> bool:
+    return run.confirmed_score >= (math.inf if (goal := run.config.stop_score) is None else goal)
 
 
 def _may_stop(run: TrainingRun, score: float) -> bool:

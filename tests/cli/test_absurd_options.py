@@ -20,7 +20,10 @@ ABSURD = (
 @pytest.mark.parametrize(
     ("word", "message"),
     [
-        ("collector.num_worlds=1e9", "or more: .* of collector.num_worlds, or fewer worlds"),
+        (
+            "collector.num_worlds=1e9",
+            "or more: two steps of each seat and world .collector.num_worlds",
+        ),
         ("collector.steps_per_batch=1e9", "needs [0-9,]+ bytes of memory, this machine has"),
         ("replay.capacity_transitions=99999999999999", "replay.capacity_transitions = 9+ needs"),
         ("replay.generated_capacity_transitions=1e15", "generated_capacity_transitions = 1"),

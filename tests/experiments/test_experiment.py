@@ -132,6 +132,7 @@ def train_elsewhere(cell, look):
     """A trainer of another library, of 10 ms and 100 steps an iteration."""
     from marl_cair.games import GAMES
 
+    sys.stdout.write("{'loss': 1.0}\n")  # trainers print; progress is read elsewhere
     agent, frames = GAMES["deep_maze"].bot("oracle", cell.config.game.rated_scenario), 0
     while look(agent, frames / 10_000, frames):
         frames += 100

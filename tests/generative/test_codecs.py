@@ -5,7 +5,10 @@ import torch
 
 from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.generative.codecs import LEVELS, FrameCodec, VectorCodec, make_coded_generator
+from marl_cair.generative.gate import check_quality
+from marl_cair.generative.quality import Imagined, measure_rows
 from marl_cair.generative.rollouts import Rollouts
+from marl_cair.generative.settings import GateConfig
 from marl_cair.replay.transition import TransitionSpec, check_transitions
 from tests.generative.plane_game import pack_rows
 
@@ -96,6 +99,24 @@ def test_a_stack_of_frames_is_decoded_exactly():
     assert torch.equal(encoded[1], torch.stack([now[:, 0], later[:, 1]], 1))
     for part, expected in zip(FrameCodec().decode(*encoded), (now, later), strict=True):
         assert torch.equal(part, expected)
+
+
+def test_the_gate_sees_that_a_vector_is_only_copied():
+    codec, random = VectorCodec(LOW, HIGH), torch.Generator().manual_seed(0)
+    rows = make_vector_rows(200, random)
+    now, later = codec.encode(rows["observation"], rows["next", "observation"])
+    spec = GeneratorSpec(codec.shape, 2, codec.num_uniform, noop_action=0)
+    coded = rows.exclude("observation", ("next", "observation"))
+    coded["observation"], coded["next", "observation"] = now, later
+    end, mask = torch.zeros(len(rows)), rows["next", "action_mask"]
+    shares = []
+    for guess in (now, later):
+        made = Imagined(guess, mask, rows["next", "reward"][:, 0], end, end)
+        found = measure_rows(coded, made, spec)
+        shares.append(found["cells/change_explained"])
+        reasons = check_quality({**found, "rare/num_rewards": 0, "rare/num_ends": 0}, GateConfig())
+        assert any("explained share of change" in one for one in reasons) == (guess is now)
+    assert shares == [0.0, 1.0]
 
 
 def test_a_vector_is_decoded_to_half_a_level():

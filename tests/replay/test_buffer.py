@@ -1,8 +1,6 @@
 """The buffer: appending, sampling, bit-exact resume, and saved folders that hold invalid values."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -119,21 +117,6 @@ def test_a_folder_without_replay_or_of_another_layout_is_refused(tmp_path: Path)
         make_buffer(capacity_transitions=60, priority_alpha=0.5).sampler.load(
             tmp_path / "replay" / "sampler"
         )
-
-
-@pytest.mark.slow
-def test_scratch_files_are_gone_when_the_program_ends(tmp_path: Path):
-    script = (
-        "import sys\n"
-        "from marl_cair.replay import ReplayConfig, TransitionSpec, make_replay_buffer\n"
-        "config = ReplayConfig(50, scratch_dir=sys.argv[1])\n"
-        "buffer = make_replay_buffer(config, TransitionSpec((5, 2, 3), 11))\n"
-        "print(buffer.storage.scratch_folder.is_dir())\n"
-    )
-    command = [sys.executable, "-W", "ignore", "-c", script, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True"]
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_batch_size_below_one_is_refused():

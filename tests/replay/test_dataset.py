@@ -8,6 +8,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from marl_cair.files import OutputFolderError
 from marl_cair.replay import load_dataset
 from marl_cair.replay.dataset import DATASET_FILE, DatasetDescription, new_dataset
 from marl_cair.stored import DamagedFileError
@@ -70,6 +71,16 @@ def test_too_few_episodes_are_refused_and_nothing_is_left(tmp_path):
     ):
         fill(made, num_episodes=1)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_something_else_is_kept(folder, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine", "utf-8")
+    message = "holds files of no data set"
+    with pytest.raises(OutputFolderError, match=message), new_dataset(tmp_path, ABOUT):
+        pass
+    assert (tmp_path / "notes.txt").read_text("utf-8") == "mine"
+    with new_dataset(folder, ABOUT) as made:  # a data set is replaced
+        fill(made)
 
 
 def test_a_folder_without_a_data_set_is_named(tmp_path):

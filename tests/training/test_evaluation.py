@@ -99,6 +99,7 @@ def test_a_run_ends_at_its_stop_score(tmp_path, stop_score, anneal_frames, frame
     assert (result.frames, result.reached_score) == (frames, reached)
     rows = read_log(tmp_path / "a" / "log.csv")
     assert ["confirmed_score" in row for row in rows] == [False] * (len(rows) - 1) + [reached]
+    assert train(config, resume=True).frames == frames  # also when the command is repeated
     later = dataclasses.replace(config, stop_score=None)
     assert train(later, resume=True).frames == 384
 
@@ -115,6 +116,11 @@ def test_a_score_that_new_games_do_not_confirm_does_not_end_a_run(tmp_path, monk
     assert (result.frames, result.reached_score) == (384, False)
     assert len(seen) == 6
     assert len(set(seen)) == 4  # the confirming games are others each time
+
+
+def test_a_stop_score_needs_bots():
+    with pytest.raises(ValueError, match=r"evaluation.bots is \(\), it must be one or more"):
+        TrainConfig(stop_score=0.9, evaluation=EvaluationSettings(bots=()))
 
 
 @pytest.mark.parametrize("score", [float("nan"), float("inf")])

@@ -211,3 +211,17 @@ def test_an_illegal_action_of_an_exploration_from_outside_is_an_error():
     explore = make_exploration(ExplorationSettings(f"{HERE}:Illegal"), GROUPS)
     with pytest.raises(OutsideCodeError, match="it must be a legal action of each"):
         explore(*make_values(), torch.Generator(), 0)
+
+
+class Greedy(Exploration):
+    """The best legal action, at each place."""
+
+    def __call__(self, values, action_mask, generator, frames):
+        return values.masked_fill(~action_mask, -torch.inf).argmax(-1)
+
+
+def test_an_exploration_from_outside_acts_at_many_places():
+    explore = make_exploration(ExplorationSettings(f"{HERE}:Greedy"), GROUPS, (3, 2))
+    values = torch.randn(4, 3, 2, len(GROUPS))
+    mask = torch.ones_like(values, dtype=torch.bool)
+    assert torch.equal(explore(values, mask, torch.Generator(), 0), values.argmax(-1))

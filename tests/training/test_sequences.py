@@ -232,7 +232,7 @@ def test_what_does_not_fit_a_memory_is_refused(tmp_path, changes, message):
 
 def test_a_buffer_that_holds_no_whole_row_is_refused():
     replay, many = ReplaySettings(5_000, min_transitions=100), CollectorSettings(num_worlds=2_560)
-    with pytest.raises(ValueError, match="transitions is 5000, it must be 5120 or more: "):
+    with pytest.raises(ValueError, match="transitions is 5000, it must be 10240 or more: "):
         TrainConfig(replay=replay, collector=many)
 
 

@@ -132,6 +132,34 @@ def test_averaged_weights_have_the_newest_running_means():
         assert following.body.norm.running_mean.tolist() == [2.0, 2.0]
 
 
+@pytest.mark.parametrize("behaviour", ["newest", "averaged"])
+def test_a_network_that_collects_values_a_row_alone(behaviour):
+    network = make_q_network(QNetworkConfig(hidden_width=4), (2, 11, 11), 3, seed=0)
+    network.body.norm = torch.nn.BatchNorm2d(2)
+    learner = Learner(network, LearnerSettings(behaviour=behaviour))
+    assert network.training
+    for acting in (learner.behaviour, learner.newest):
+        assert not acting.training
+    weights = zip(network.parameters(), learner.newest.parameters(), strict=True)
+    assert all(one is other for one, other in weights)
+
+
+def test_an_error_frees_the_folder_and_a_resume_goes_on(tmp_path):
+    config, kept = tiny(tmp_path / "run", generator=GeneratorSettings("none")), []
+
+    def fail(run):
+        if run.frames:
+            raise RuntimeError("no luck")
+        return True
+
+    try:
+        train(config, watch=fail)
+    except RuntimeError as error:
+        kept.append(error)  # with all that its traceback holds, as in a notebook
+    assert kept
+    assert train(config, resume=True).frames == config.total_frames
+
+
 def test_averaged_weights_are_the_moving_average_of_the_weights():
     learner = make_learner(average_decay=0.6)
     expected = [value.clone() for value in learner.network.parameters()]
@@ -275,6 +303,11 @@ def test_the_log_holds_losses_action_shares_and_the_speed_of_each_sitting(finish
         (lambda: OpponentSettings(prior_games=0), "opponent.prior_games is 0"),
         (lambda: OpponentSettings(agents={"pfsp": "a:b"}), "opponent.agents is 'pfsp'"),
         (lambda: opposed(agents={"counter": "a:b"}), "agents is 'counter', .* bots have"),
+        (lambda: CollectorSettings(num_worlds=2.5), "num_worlds is 2.5, it must be a whole number"),
+        (lambda: CollectorSettings(num_worlds=True), "num_worlds is True, it must be a whole"),
+        (lambda: CollectorSettings(num_worlds="4"), "num_worlds is '4', it must be a whole number"),
+        (lambda: LearnerSettings(double="false"), "double is 'false', it must be True or False"),
+        (lambda: LearnerSettings(gamma="0.9"), "gamma is '0.9', it must be a number"),
         (lambda: GameSettings(options={"reward": "sparse"}), "left out: set game.reward"),
         (lambda: GameSettings(options={"shaping_discount": 0.9}), "left out: set learner.gamma"),
     ],

@@ -147,13 +147,15 @@ def describe_crash(error: BaseException) -> str:
     return f"crashed in act: {type(error).__name__}: {clean_text(str(error))[:200]}"
 
 
-def require_answers(agent: Agent, actions: NDArray[np.int64]) -> None:
-    """Raise ForeignAgentError if the agent has forfeited one of `actions` [N, ...]."""
+def require_answers(agent: Agent, actions: NDArray[np.int64], role: str = "opponent") -> None:
+    """Raise ForeignAgentError if the agent has forfeited one of `actions` [N, ...]. role: opponent
+    or demonstration, whose settings name it.
+    """
     if (actions == FORFEIT).any():
         failure = getattr(agent, "failure", "gave up")
         error = ForeignAgentError(
-            f"opponent {agent.name} {failure}: fix it, or leave it out of opponent.mixture and "
-            "opponent.agents"
+            f"{role} {agent.name} {failure}: fix it, or leave it out of {role}.agents"
+            f"{' and opponent.mixture' if role == 'opponent' else ''}"
         )
         error.failure = failure
         raise error

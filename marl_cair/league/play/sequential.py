@@ -151,7 +151,8 @@ def play_sequentially(
                 return SequentialResult(verdict, ratio, MatchResult(tuple(counted), num_teams))
         if len(counted) == before:
             return SequentialResult("repeats", ratio, MatchResult(tuple(counted), num_teams))
-    return SequentialResult("undecided", ratio, MatchResult(tuple(counted), num_teams))
+    ended: Verdict = "undecided" if is_varied or not waiting else "repeats"
+    return SequentialResult(ended, ratio, MatchResult(tuple(counted), num_teams))
 
 
 def _tilt(

@@ -78,6 +78,10 @@ class SoloResult:
         """Games that differ in a board or an action; deterministic agents repeat games."""
         return len({result.fingerprint for result in self.results})
 
+    def without_repeats(self) -> SoloResult:
+        """The first game if all others repeat it, else all: as `MatchResult.without_repeats`."""
+        return self if self.distinct_games > 1 else SoloResult(self.results[:1])
+
 
 def play_alone(
     agent: Agent,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -30,6 +31,7 @@ class Exploration(ABC):
         self, values: Tensor, action_mask: Tensor, generator: torch.Generator, frames: int
     ) -> Tensor:
         """Values float32 [N, A], mask bool [N, A] -> legal actions int64 [N], without gradients.
+        Where seats act at several places: [N, *places, A] -> [N, *places].
 
         generator: on the CPU, the only source of randomness; its state is saved with the run.
         frames: steps of all environment copies so far.
@@ -85,13 +87,13 @@ class _Checked(Exploration):
     ) -> Tensor:
         with outside_call(f"exploration.kind={self._name} failed"):
             actions = self._inner(values, action_mask, generator, frames)
-            is_fit = actions.dtype == torch.int64 and actions.shape == values.shape[:1]
-            is_fit = is_fit and bool(action_mask.gather(1, actions.unsqueeze(1)).all())
+            is_fit = actions.dtype == torch.int64 and actions.shape == values.shape[:-1]
+            is_fit = is_fit and bool(action_mask.gather(-1, actions.unsqueeze(-1)).all())
         if not is_fit:
             raise OutsideCodeError(
                 f"exploration.kind={self._name} gave {actions.dtype} of shape "
                 f"{list(actions.shape)} for {len(values)} rows, it must be a legal action of each, "
-                f"torch.int64 of shape [{len(values)}]"
+                f"torch.int64 of shape {list(values.shape[:-1])}"
             )
         return actions
 
@@ -100,16 +102,17 @@ class _Checked(Exploration):
 
 
 def make_exploration(
-    settings: ExplorationSettings, action_groups: NDArray[np.int16]
+    settings: ExplorationSettings, action_groups: NDArray[np.int16], shape: Sequence[int] = ()
 ) -> Exploration:
     """The exploration of a run; one from outside is called once with values of zeros.
 
-    action_groups: int [A], the kind of each action. Raises OutsideCodeError.
+    action_groups: int [A], the kind of each action. shape: of the places where a seat acts, () for
+    one action. Raises OutsideCodeError.
     """
     made: Exploration = EXPLORATIONS.make(settings.kind, settings, action_groups)
     if not EXPLORATIONS.is_outside(settings.kind):
         return made
     checked = _Checked(settings.kind, made)
-    values = torch.zeros(2, len(action_groups))
+    values = torch.zeros(2, *shape, len(action_groups))
     checked(values, torch.ones_like(values, dtype=torch.bool), torch.Generator(), 0)
     return checked

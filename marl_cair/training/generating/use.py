@@ -155,8 +155,9 @@ def _evaluate(run: TrainingRun, generator: Generator) -> None:
     text = "open" if report.passed else f"shut, {without}: {reasons}"
     run.log.note(run.frames, "gate", f"the generator's gate is {text}")
     if report.passed and len(run.seen.shape) == 3:
-        real = run.replay.real
-        rows = real.read_steps(torch.linspace(0, len(real) - 1, NUM_DRAWN).long())
+        slots = run.replay.real.storage.step_slots()
+        places = torch.linspace(0, len(slots) - 1, NUM_DRAWN).long()
+        rows = run.replay.real.read_steps(slots[places])
         predicted, _ = generator.predict(rows)
         boards = rows["observation"], rows[NEXT_OBSERVATION], predicted[NEXT_OBSERVATION]
         draw_predictions(run.folder / PICTURE_FILE, run.seen, run.spec.static_planes, *boards)

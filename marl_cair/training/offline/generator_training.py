@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -118,9 +118,8 @@ def train_generator(
     data = load_dataset(source)
     spec, seen = describe_game(data.about)
     others = data.about.num_players - 1
-    generator = make_for_game(
-        settings.model, settings.config, seen, spec, spec.reward_bound, others
-    )
+    config = replace(settings.config, seed=settings.seed)
+    generator = make_for_game(settings.model, config, seen, spec, spec.reward_bound, others)
     folder = Path(out)
     if not hasattr(generator, "imagine"):
         raise ValueError(

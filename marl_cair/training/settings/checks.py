@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
+import numbers
 import re
+import types
 import typing
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -85,9 +87,26 @@ def check_fields(settings: Any, inside: str = "") -> None:
 @functools.cache
 def _find_allowed(owner: type) -> list[tuple[str, Allowed]]:
     hints = typing.get_type_hints(owner, include_extras=True)
-    return [
-        (name, allowed)
-        for name, hint in hints.items()
-        for part in (hint, *typing.get_args(hint))  # `Count`, or of `Count | None` each
-        for allowed in getattr(part, "__metadata__", ())
-    ]
+    found = []
+    for name, hint in hints.items():
+        for part in (hint, *typing.get_args(hint)) if _is_union(hint) else (hint,):
+            if (kind := getattr(part, "__origin__", part)) in _KINDS:  # of `Count` it is int
+                found.append((name, _KINDS[kind]))
+            found += [(name, allowed) for allowed in getattr(part, "__metadata__", ())]
+    return found
+
+
+def _is_union(hint: Any) -> bool:
+    return typing.get_origin(hint) in (types.UnionType, typing.Union)
+
+
+def _is_number(value: Any, kind: type) -> bool:
+    return isinstance(value, kind) and not isinstance(value, bool)
+
+
+_KINDS: dict[Any, Allowed] = {
+    bool: Allowed(lambda value: isinstance(value, bool), "True or False"),
+    int: Allowed(lambda value: _is_number(value, numbers.Integral), "a whole number"),
+    float: Allowed(lambda value: _is_number(value, numbers.Real), "a number"),
+    str: Allowed(lambda value: isinstance(value, str), "a text"),
+}

@@ -46,11 +46,9 @@ from marl_cair.training.settings.learner import LOSSES, LearnerSettings, NfspSet
 from marl_cair.training.settings.offline import OfflineSettings
 from marl_cair.training.settings.replay import ReplaySettings
 
-# Half the newest policy, half older ones, after AlphaStar and OpenAI Five. It is not shown to be
-# the best mixture: `marl-cair experiment opponents` compares.
+# After AlphaStar and OpenAI Five; not shown to be the best (`marl-cair experiment opponents`).
 SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
-NO_GENERATOR = "none"
-GAMES_FOLDER = "games"  # in a run's folder: replays of the last evaluation
+NO_GENERATOR, GAMES_FOLDER = "none", "games"  # in a run's folder: games of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 _Margin = Annotated[float, Allowed(lambda x: 0 <= x < 0.5, "0 or more, below 0.5, or null")]
 _Branch = Annotated[int, Allowed(lambda n: 0 <= n <= 20, "0..20")]
@@ -259,6 +257,8 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        is_judged = self.stop_score is None or self.evaluation.bots or self.game.spec.num_teams == 1
+        require(bool(is_judged), "evaluation.bots", (), "one or more with stop_score")
         self._check_scenarios()
         self._check_network()
         self._check_generated()
@@ -341,8 +341,8 @@ class TrainConfig:
 
     def _check_replay(self) -> None:
         """Raise ValueError for a buffer that drops steps before they have a next one."""
-        least = 2 * self.collector.num_worlds
-        allowed = f"{least} or more: a step and the next of collector.num_worlds, or fewer worlds"
+        least = 2 * self.collector.num_worlds * self.game.spec.num_players
+        allowed = f"{least} or more: two steps of each seat and world (collector.num_worlds)"
         held = self.replay.capacity_transitions
         require(held >= least, "replay.capacity_transitions", held, allowed)
 

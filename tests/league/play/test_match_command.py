@@ -216,3 +216,10 @@ def test_help_lists_all_kinds_of_agents():
         text = " ".join(command.make_parser().format_help().split())
         for kind in ("runs/a/latest", "mixture", "module:function", "process:COMMAND"):
             assert kind in text
+
+
+def test_a_game_that_is_always_the_same_counts_once(capsys):
+    maze = ("--game", "deep_maze", "--scenario", "9x9-full_deterministic", "--games", "20")
+    assert main(["evaluate", "oracle", *maze, "--against"]) == 0
+    text = capsys.readouterr().out
+    assert "oracle: 100.0% [20.7%, 100.0%] ended before the time limit (only 1 of 20" in text

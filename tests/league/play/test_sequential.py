@@ -129,6 +129,8 @@ def test_a_match_stops_when_it_is_decided(scenario):
 def test_agents_that_only_repeat_games_end_the_test():
     result = play("idle", "idle", "duel", gain=0)
     assert (result.verdict, result.match.games) == ("repeats", 2)
+    few = play("idle", "idle", "duel", max_games=20, gain=0)
+    assert (few.verdict, few.match.games) == ("repeats", 2)
 
 
 def test_a_match_may_stay_undecided():

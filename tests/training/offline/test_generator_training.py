@@ -109,6 +109,18 @@ def test_a_generator_learns_from_a_data_set(folder, tmp_path):
     assert (tmp_path / "run" / "losses.csv").read_text("utf-8").count("\n") == 1 + 12
 
 
+def test_the_seed_is_of_weights_too(folder, tmp_path):
+    weights = []
+    for seed in (0, 1, 1):
+        settings = GeneratorTraining(updates=1, batch_size=16, measurements=1, config=SMALL)
+        settings = dataclasses.replace(settings, seed=seed)
+        out = tmp_path / f"run_{len(weights)}"
+        list(train_generator(folder, out, settings))
+        weights.append(load_tensors(out / "generator.pt")["network"]["network"]["choose.weight"])
+    assert torch.equal(weights[1], weights[2])
+    assert not torch.allclose(weights[0], weights[1], atol=1e-2)
+
+
 def test_a_trained_generator_begins_a_run(folder, tmp_path):
     settings = GeneratorTraining(updates=2, batch_size=16, measurements=1, config=SMALL)
     list(train_generator(folder, tmp_path / "run", settings))

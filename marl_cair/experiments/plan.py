@@ -143,11 +143,14 @@ class Plan:
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """The settings that a results folder belongs to: all but the seeds, which may be added, and
-        the league at the end.
+        """The settings that a results folder belongs to: what cells do. Seeds may be added, and the
+        league at the end and what only tables and figures show may change.
         """
         values = dataclasses.asdict(self)
-        del values["seeds"], values["games_per_pair"]
+        del values["seeds"], values["games_per_pair"], values["about"], values["source"]
+        for task in values["tasks"].values():
+            del task["levels"], task["scale"], task["published"]
+            del task["rating"]["unit"], task["rating"]["show"]
         return values
 
 

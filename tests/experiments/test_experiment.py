@@ -18,6 +18,7 @@ from marl_cair.experiments import looks, worker
 from marl_cair.experiments.cells import DONE_FILE
 from marl_cair.experiments.experiment import ExperimentConfig, run_experiment
 from marl_cair.experiments.looks import LOOKS_FILE
+from marl_cair.experiments.plan import Length
 from marl_cair.files import OutputFolderError
 from marl_cair.training.trainer import train
 from tests.experiments.plans import TINY, change_task, compose_layers, list_cells, make_plan
@@ -176,8 +177,9 @@ def test_a_plan_is_run_in_a_process_and_shown_again(finished):
 
 def test_the_folder_of_another_plan_version_or_budget_is_refused(finished, monkeypatch):
     out, plan, _ = finished
-    with pytest.raises(OutputFolderError, match="plan.about is .* there, 'Another' here"):
-        run(dataclasses.replace(plan, about="Another"), out)
+    with pytest.raises(OutputFolderError, match="plan.budget.frames is .* there, 700 here"):
+        run(dataclasses.replace(plan, budget=Length(frames=700)), out)
+    assert "Another question" in run(dataclasses.replace(plan, about="Another question"), out).text
     with pytest.raises(OutputFolderError, match="budget is '' there, '20m' here"):
         run(plan, out, budget="20m", budget_seconds=1200.0)
     monkeypatch.setattr("marl_cair.experiments.experiment.__version__", "9.9")

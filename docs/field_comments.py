@@ -9,11 +9,11 @@ from typing import Any
 
 import griffe
 
-_COMMENT = re.compile(r"(?<=#).*$")
+_COMMENT = re.compile(r"(?<=  # )(?!type:|noqa).*$")
 
 
 class FieldComments(griffe.Extension):
-    """A comment behind a field, or on the lines above it, is the field's docstring."""
+    """A comment beside a field, or else on the lines above it, is the field's docstring."""
 
     def on_attribute_instance(
         self, *, node: ast.AST | griffe.ObjectNode, attr: griffe.Attribute, **kwargs: Any
@@ -23,13 +23,10 @@ class FieldComments(griffe.Extension):
             return
         lines = attr.lines_collection[Path(str(attr.filepath))]
         first, last = attr.lineno - 1, attr.endlineno or attr.lineno
-        above = first
-        while lines[above - 1].lstrip().startswith("#"):
-            above -= 1
-        found = [
-            match[0].strip()
-            for line in (*lines[above:first], lines[last - 1])
-            if (match := _COMMENT.search(line))
-        ]
-        if found:
+        beside: list[str] = _COMMENT.findall(lines[last - 1])
+        above: list[str] = []
+        while not beside and lines[first - 1].lstrip().startswith("#"):
+            first -= 1
+            above.insert(0, lines[first].strip("# "))
+        if found := beside or above:
             attr.docstring = griffe.Docstring(" ".join(found), parent=attr)

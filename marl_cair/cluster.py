@@ -57,7 +57,7 @@ def _open_pool(cluster: str, num_workers: int, shared: Path) -> RayPool:
     pool = RayPool(cluster, num_workers)
     try:
         pool.require_shared(shared)
-    except ClusterError:
+    except (ClusterError, OSError):
         pool.shutdown()
         raise
     return pool

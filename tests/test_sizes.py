@@ -10,7 +10,7 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_695,
     "policies": 2_440,
-    "replay": 2_460,
+    "replay": 2_465,
     "generative": 3_285,
     "self_play": 1_035,
     "league": 8_010,

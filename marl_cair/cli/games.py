@@ -29,7 +29,7 @@ class Row(NamedTuple):
 def run(arguments: Sequence[str]) -> int:
     """Print the list; returns the exit code."""
     parser = Parser("marl-cair games", description=__doc__)
-    parser.add_argument("games", nargs="*", help="which (default: all)")
+    parser.add_argument("games", nargs="*", help="names of games (default: all)")
     parser.add_argument("--json", action="store_true", help="everything, for programs")
     options = parser.parse_args(arguments)
     describe: Callable[[Game], Any] = _describe_for_json if options.json else _format_game

@@ -143,8 +143,8 @@ class Plan:
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """The settings that a results folder belongs to: what cells do. Seeds may be added, and the
-        league at the end and what only tables and figures show may change.
+        """The settings that a results folder belongs to: what cells do. Seeds may be added. The
+        league at the end may change, and what only tables and figures show.
         """
         values = dataclasses.asdict(self)
         del values["seeds"], values["games_per_pair"], values["about"], values["source"]

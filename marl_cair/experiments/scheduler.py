@@ -100,8 +100,9 @@ class LocalProcesses:
                 self._running.add(process)
             with process:  # closes its pipes
                 for line in process.stdout or ():
-                    found = json.loads(line)
-                    note(cell.name, found["share"], found["score"])
+                    if line.startswith("{"):  # not what libraries print when they are imported
+                        found = json.loads(line)
+                        note(cell.name, found["share"], found["score"])
         with self._lock:
             self._running.discard(process)
         code = process.returncode

@@ -111,7 +111,7 @@ def check_quality(numbers: Mapping[str, float], config: GateConfig) -> tuple[str
         return (f"{', '.join(broken)} not finite: the network or the data hold NaN",)
     is_constant = numbers.get("reward/std", 0.0) < _CONSTANT
     skipped = {"reward/explained" if is_constant else "reward/constant_error"}
-    if "cells/change_explained" in numbers:  # a picture: shades are never exact
+    if "cells/change_explained" in numbers:  # a picture or a vector: never exact
         skipped |= {"cells/changed_f1"}
     if numbers["rare/num_rewards"] < config.min_rare_rows:
         skipped |= {"rare/reward_missed"}

@@ -88,10 +88,10 @@ def _measure_cells(rows: TensorDict, guess: Tensor, spec: GeneratorSpec) -> dict
     if claimed.any():
         numbers["cells/moved_precision"] = _share((after > 0)[claimed])
     accuracy, copies = (_find_plane_accuracy(one, real, spec) for one in (guess, now))
-    scalars = range(spec.num_spatial, spec.num_planes)
-    if now.shape[2:] == (1, 1):  # a vector of `codecs.VectorCodec`: no cell ever changes
+    if now.shape[2:] == (1, 1) and (now != real).any():  # a vector, see `codecs.VectorCodec`
         digits = (join_digits(one.flatten(1)) for one in (now, guess, real))
         numbers["cells/change_explained"] = _find_explained(*digits)
+    scalars = range(spec.num_spatial, spec.num_planes)
     if scalars:
         gains = (accuracy[plane] - copies[plane] for plane in scalars)
         numbers["scalars/least_gain"] = min(gains)
@@ -110,7 +110,7 @@ def join_digits(planes: Tensor) -> Tensor:
 def _find_explained(before: Tensor, made: Tensor, after: Tensor) -> float:
     """Share of the squared change that is predicted: 1 for all of it, 0 for a copy."""
     left, change = ((one.float() - after.float()).square().sum() for one in (made, before))
-    return 1.0 - float(left / change.clamp_min(1e-9))
+    return 1.0 - float(left / change)
 
 
 def differ(values: Tensor, others: Tensor, spec: GeneratorSpec) -> Tensor:

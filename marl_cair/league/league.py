@@ -230,8 +230,9 @@ class _League:
         config, rules = self.config, self.rules
         ladder = frozenset(n for n, one in enumerate(self.entrants) if one.source in config.ladder)
         record = Path(config.record) if config.record else None
-        written = Path(config.record or ".").absolute()  # by workers; the store by this process
-        shared = next(folder for folder in (written, *written.parents) if folder.is_dir())
+        # Workers write the records, this process the store.
+        records = Path(config.record or ".").absolute()
+        shared = next((one for one in (records, *records.parents) if one.is_dir()), Path())
         make_pool = choose_pool(config.cluster, config.workers, shared)
         arena = Arena(rules, self.entrants, self.ids, self.store, make_pool, self._load, record)
         with closing(arena), tqdm(unit=" games", disable=not self._show_progress) as bar:

@@ -15,6 +15,7 @@ from tensordict import MemoryMappedTensor, TensorDict
 from marl_cair.files import (
     OutputFolderError,
     find_folder,
+    is_leftover,
     replaced_folder,
     require_free_space,
     write_json,
@@ -85,8 +86,12 @@ def new_dataset(folder: Path, about: DatasetDescription) -> Iterator[TransitionD
     Raises NotEnoughSpaceError before anything is written, OutputFolderError for a folder of
     something else.
     """
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / DATASET_FILE).is_file():
-        raise OutputFolderError(f"{folder} holds files of no data set: choose another folder")
+    names = [entry.name for entry in folder.iterdir()] if folder.is_dir() else []
+    if DATASET_FILE not in names and not all(map(is_leftover, names)):
+        raise OutputFolderError(
+            f"{folder} is not empty and holds no data set ({DATASET_FILE} is missing): choose "
+            "another folder"
+        )
     row_bytes = sum(dtype.itemsize * math.prod(shape) for dtype, shape in about.columns().values())
     num_rows = about.num_train + about.num_heldout
     require_free_space(folder, num_rows * row_bytes + (1 << 20))

@@ -118,7 +118,7 @@ class EpisodeStorage:
         num_bytes = shape[0] * shape[1]
         require_free_space(scratch_dir, num_bytes)
         Path(scratch_dir).mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=scratch_dir) as file:  # without a name: nothing is left
+        with tempfile.TemporaryFile(dir=scratch_dir) as file:  # unnamed: gone when the process ends
             # Reserved now: a full disk would later kill the process at a write to the map.
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(file.fileno(), 0, num_bytes)

@@ -90,7 +90,7 @@ class TrainingRun:
         if config.torch_threads is not None:
             torch.set_num_threads(config.torch_threads)
         memory.keep_freed_memory()
-        self._claim, self.generator_failures = ExitStack(), 0
+        self._claim = ExitStack()
         words = np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
         self._seeds: list[int] = words.tolist()
         if resume and (self.folder / files.RUN_MARKER).is_file():
@@ -111,13 +111,13 @@ class TrainingRun:
             raise
 
     def _begin(self, resume: bool) -> None:
-        """Begin, or go on from the last saved state."""
+        """Start, or resume from the last saved state."""
         config_file.save_config(self.config)
         self.frames = 0
         self.processor_seconds = 0.0  # of collecting and learning, over all sittings
         # Of all evaluations; of the last one that was repeated because it reached `stop_score`.
         self.best_score = self.confirmed_score = -math.inf
-        self.gate_is_open, self.generator_is_on = False, True
+        self.gate_is_open, self.generator_is_on, self.generator_failures = False, True, 0
         files.recover_folder(self.folder / RESUME_FOLDER)
         # Checked again: another process may have saved its first state here since.
         if resume and (self.folder / RESUME_FOLDER).is_dir():
@@ -188,8 +188,7 @@ class TrainingRun:
     def make_generator(self, source: str | None = None) -> None:
         """Make the generator, if there is one; it begins with the weights of the run `source`."""
         make = generators.make_generator
-        seed = self._seeds[3] + self.generator_failures
-        self.generator = make(self.config, self.seen, self.spec, seed, source)
+        self.generator = make(self.config, self.seen, self.spec, self._seeds[3], source)
         generators.move_generator(self.generator, self.device)
 
     def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:

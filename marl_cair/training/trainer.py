@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
@@ -226,9 +225,9 @@ def _update(run: TrainingRun, batch: TensorDict, done: float) -> None:
         with suppress(OSError):  # a full disk must not hide the error
             save_tensors(batch.flatten_keys(".").to_dict(), path)
         raise DivergedError(
-            f"training has diverged at frame {run.frames}: {error}; the batch is in {path}. Begin "
-            "again with a smaller learner.learning_rate or learner.max_grad_norm, also from this "
-            f"run's agent: initial_agent={run.folder / LATEST_FOLDER}"
+            f"training has diverged at frame {run.frames}: {error}; the batch is in {path}. Start "
+            "in another folder with a smaller learner.learning_rate or learner.max_grad_norm; "
+            f"initial_agent={run.folder / LATEST_FOLDER} continues from the last saved agent"
         ) from error
 
 
@@ -282,7 +281,8 @@ def _evaluate(run: TrainingRun) -> dict[str, float]:
 
 
 def _has_reached_score(run: TrainingRun) -> bool:
-    return run.confirmed_score >= (math.inf if (goal := run.config.stop_score) is None else goal)
+    goal = run.config.stop_score
+    return goal is not None and run.confirmed_score >= goal
 
 
 def _may_stop(run: TrainingRun, score: float) -> bool:

@@ -22,7 +22,7 @@ ABSURD = (
     [
         (
             "collector.num_worlds=1e9",
-            "or more: two steps of each seat and world .collector.num_worlds",
+            "or more: two steps of each own seat and world .collector.num_worlds",
         ),
         ("collector.steps_per_batch=1e9", "needs [0-9,]+ bytes of memory, this machine has"),
         ("replay.capacity_transitions=99999999999999", "replay.capacity_transitions = 9+ needs"),

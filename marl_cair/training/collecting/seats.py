@@ -234,7 +234,7 @@ class SeatRouter(TensorDictModuleBase):
         seen, mask = group.get(self._env.key_of(agent.representation)), group.get("action_mask")
         states = self._widen(find_state_size(agent))[role]
         chosen = call_agent(agent, states, rows.numpy(), seen[rows].numpy(), mask[rows].numpy())
-        require_answers(agent, chosen, ("opponent", "demonstration")[role])
+        require_answers(agent, chosen, "demonstration" if role else "opponent")
         actions[rows] = torch.from_numpy(chosen.astype(np.int64))
 
     def _play_opponents(self, group: TensorDictBase, actions: Tensor) -> None:

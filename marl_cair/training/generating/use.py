@@ -2,7 +2,7 @@
 
 A failure is an exception of the generator, or a number of it that is not finite or far too large.
 The generator is then switched off: all its rows are dropped, batches are all real, and a new one
-takes its place, with new weights, which is trained from the next evaluation on.
+takes its place, with its first weights, which is trained from the next evaluation on.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ class GeneratorTraining:
     batch_size: int = 64  # transitions
     measurements: int = 5  # spread evenly over the updates
     measured_rows: int = 2_000  # held-out transitions
-    seed: int = 0
+    seed: int = 0  # also of `config`, whatever it has
     config: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def __post_init__(self) -> None:
@@ -73,6 +73,7 @@ class GeneratorTraining:
         for name, lowest in least.items():
             if getattr(self, name) < lowest:
                 raise ValueError(f"{name} is {getattr(self, name)}, it must be {lowest} or more")
+        object.__setattr__(self, "config", replace(self.config, seed=self.seed))
 
 
 def describe_game(about: DatasetDescription) -> tuple[GameSpec, Representation]:
@@ -118,8 +119,9 @@ def train_generator(
     data = load_dataset(source)
     spec, seen = describe_game(data.about)
     others = data.about.num_players - 1
-    config = replace(settings.config, seed=settings.seed)
-    generator = make_for_game(settings.model, config, seen, spec, spec.reward_bound, others)
+    generator = make_for_game(
+        settings.model, settings.config, seen, spec, spec.reward_bound, others
+    )
     folder = Path(out)
     if not hasattr(generator, "imagine"):
         raise ValueError(

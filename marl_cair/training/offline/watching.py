@@ -112,8 +112,8 @@ def _load_from_data(place: Path) -> Watched:
     spec, seen = describe_game(about)
     game = GAMES[about.game]
     scenario = game.scenario(about.scenario, **restore_fields(about.scenario_options))
-    config, others = replace(settings.config, seed=settings.seed), about.num_players - 1
-    generator = make_for_game(settings.model, config, seen, spec, spec.reward_bound, others)
+    model, config, others = settings.model, settings.config, about.num_players - 1
+    generator = make_for_game(model, config, seen, spec, spec.reward_bound, others)
     made_for = describe_task(game, about.scenario_options, spec)
     load_knowledge(generator, str(place), made_for, is_transfer=True)  # settings beside it
     return Watched(generator, game, scenario, spec, seen, about.players)

@@ -90,7 +90,7 @@ def _find_allowed(owner: type) -> list[tuple[str, Allowed]]:
     found = []
     for name, hint in hints.items():
         for part in (hint, *typing.get_args(hint)) if _is_union(hint) else (hint,):
-            if (kind := getattr(part, "__origin__", part)) in _KINDS:  # of `Count` it is int
+            if (kind := getattr(part, "__origin__", part)) in _KINDS:  # `Count` is int
                 found.append((name, _KINDS[kind]))
             found += [(name, allowed) for allowed in getattr(part, "__metadata__", ())]
     return found
@@ -108,5 +108,5 @@ _KINDS: dict[Any, Allowed] = {
     bool: Allowed(lambda value: isinstance(value, bool), "True or False"),
     int: Allowed(lambda value: _is_number(value, numbers.Integral), "a whole number"),
     float: Allowed(lambda value: _is_number(value, numbers.Real), "a number"),
-    str: Allowed(lambda value: isinstance(value, str), "a text"),
+    str: Allowed(lambda value: isinstance(value, str), "a string"),
 }

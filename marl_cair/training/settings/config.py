@@ -318,9 +318,7 @@ class TrainConfig:
         }
 
     def check_algorithm(self) -> None:
-        """Raise ValueError for parts that do not fit `learner.algorithm`. Imports the loss (and
-        torch) if there are such parts, so one from outside must be allowed before.
-        """
+        """Raise ValueError for parts that do not fit the loss; if there are any, imports it."""
         given = {"demonstration": self.demonstration.is_given, "nfsp": self.nfsp.enabled}
         given |= {"offline.dataset": self.offline.dataset is not None}
         given |= {"generator.loss_weight below 1": self.generator.loss_weight < 1.0}
@@ -341,8 +339,10 @@ class TrainConfig:
 
     def _check_replay(self) -> None:
         """Raise ValueError for a buffer that drops steps before they have a next one."""
-        least = 2 * self.collector.num_worlds * self.game.spec.num_players
-        allowed = f"{least} or more: two steps of each seat and world (collector.num_worlds)"
+        spec, seen = self.game.spec, {**self.opponent.mixture, **self.opponent.warmup_mixture}
+        seats = spec.num_players // (1 if "latest" in seen else spec.num_teams)
+        least = 2 * seats * self.collector.num_worlds
+        allowed = f"{least} or more: two steps of each own seat and world (collector.num_worlds)"
         held = self.replay.capacity_transitions
         require(held >= least, "replay.capacity_transitions", held, allowed)
 

@@ -59,7 +59,7 @@ def test_the_command_is_understood(words):
         is_file = others == ["league.yaml" if first == "train" else "psro.yaml"]
         assert is_file or others[1] in EXAMPLES_OF[first]
     elif first in FOLDERS:
-        assert others[0] == "runs/first"
+        assert others[0] == "runs/first_league"
     elif first in SUBCOMMANDS:
         SUBCOMMANDS[first]().parse_args(others)
     else:
@@ -81,7 +81,7 @@ def test_the_commands_of_leagues_run_one_after_another(tmp_path, monkeypatch, ca
             rows = [row.split() for row in shown.splitlines() if row.strip()[:1].isdigit()]
             assert len(rows) == 4
             assert [row for row in map(str.split, printed.splitlines()) if row in rows] == rows
-    assert Path("runs/first/report.html").is_file()
+    assert Path("runs/first_league/report.html").is_file()
     assert Path("runs/after_mixing/ladder.csv").is_file()
 
 

@@ -19,13 +19,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from benchmarks._networks import read_preset
 from benchmarks._timing import best_in_turns
 from marl_cair.games import GAMES
 from marl_cair.policies.q_network import QNetworkConfig, make_q_network
 
-SMALL = QNetworkConfig(
-    norm="layer", conv_channels=(32, 64), conv_strides=(2, 2), hidden_width=128
-)  # policy=small_conv
+SMALL = read_preset("small_conv")
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,7 @@ def claim_output_folder(
     place.mkdir(parents=True, exist_ok=True)
     marker = place / RUN_MARKER
     if not marker.exists():
-        _refuse_foreign_files(place)
+        refuse_foreign_files(place, RUN_MARKER, "run")
     with locked_folder(place):
         yield _mark(place, kind, settings, resume or not (place / proof).is_file(), how_to_resume)
 
@@ -216,13 +216,13 @@ def shorten_value(value: Any) -> str:
     return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
 
 
-def _refuse_foreign_files(place: Path) -> None:
+def refuse_foreign_files(place: Path, marker: str, kind: str) -> None:
+    """Raise OutputFolderError for a folder that has files, but not `marker`, as those of a kind."""
     names = sorted(entry.name for entry in place.iterdir() if not is_leftover(entry.name))
-    # Another process may write the marker just now: the lock decides.
-    if names and RUN_MARKER not in names:
+    if names and marker not in names:  # one that is being written just now: the lock decides
         shown = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
         raise OutputFolderError(
-            f"output folder {place} holds files of no run ({shown}) and no {RUN_MARKER}: give a "
+            f"output folder {place} holds files of no {kind} ({shown}) and no {marker}: give a "
             "new or empty folder"
         )
 

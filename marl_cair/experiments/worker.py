@@ -138,8 +138,9 @@ def make_report(send: Callable[[float, float | None], object]) -> Report:
 def main() -> int:
     """Run the cell in the folder of the first argument; returns the exit code."""
     end_with_input()
-    # By number: whatever else prints, such as a trainer of a user, goes to the cell's output.txt.
-    progress = os.dup(1)  # a number, which stays open to the end of the process
+    # What a user's trainer prints goes to the cell's output.txt. The number of the pipe stays open
+    # to the end of the process: the scheduler waits for that.
+    progress = os.dup(1)
     os.dup2(2, 1)
 
     def send(share: float, score: float | None) -> None:

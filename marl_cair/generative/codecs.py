@@ -14,8 +14,7 @@ from marl_cair.generative.generator import Generator
 from marl_cair.generative.quality import VECTOR_STEPS, Imagined, join_digits
 from marl_cair.replay.transition import NEXT_OBSERVATION, OBSERVATION
 
-COARSE, FINE = 256, VECTOR_STEPS  # levels of a vector's entry, and steps of each level
-LEVELS = COARSE * FINE - 1
+LEVELS = 256 * VECTOR_STEPS - 1  # of a vector's entry: steps of 256 coarse levels
 
 
 class Codec(Protocol):
@@ -82,7 +81,8 @@ class VectorCodec:
 
     def _encode(self, vectors: Tensor) -> Tensor:
         levels = ((vectors - self.low) / self.scale).round().clamp(0, LEVELS).long()
-        digits = torch.stack([levels // FINE, levels % FINE], -1).to(torch.uint8).flatten(1)
+        digits = torch.stack([levels // VECTOR_STEPS, levels % VECTOR_STEPS], -1)
+        digits = digits.to(torch.uint8).flatten(1)
         zeros = torch.zeros(len(vectors), 1, dtype=torch.uint8)
         return torch.cat([zeros, digits], 1)[:, :, None, None]
 

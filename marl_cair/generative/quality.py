@@ -45,8 +45,7 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     to which a unit has moved where a value is predicted (a recall); moved_exactly: the right value;
     moved_precision: share of the predicted moves whose cell does hold a value. exact: whole
     observations. change_explained: of pictures and vectors, share of the squared change that is
-    predicted. In
-    none of these do rows that end count: what is seen after an end is never used.
+    predicted. In none of these do rows that end count: what is seen after an end is never used.
     """
     ends = rows["next", "terminated"].squeeze(-1)
     numbers: dict[str, float] = {}

@@ -13,9 +13,8 @@ import torch
 from tensordict import MemoryMappedTensor, TensorDict
 
 from marl_cair.files import (
-    OutputFolderError,
     find_folder,
-    is_leftover,
+    refuse_foreign_files,
     replaced_folder,
     require_free_space,
     write_json,
@@ -86,12 +85,8 @@ def new_dataset(folder: Path, about: DatasetDescription) -> Iterator[TransitionD
     Raises NotEnoughSpaceError before anything is written, OutputFolderError for a folder of
     something else.
     """
-    names = [entry.name for entry in folder.iterdir()] if folder.is_dir() else []
-    if DATASET_FILE not in names and not all(map(is_leftover, names)):
-        raise OutputFolderError(
-            f"{folder} is not empty and holds no data set ({DATASET_FILE} is missing): choose "
-            "another folder"
-        )
+    if folder.is_dir():
+        refuse_foreign_files(folder, DATASET_FILE, "data set")
     row_bytes = sum(dtype.itemsize * math.prod(shape) for dtype, shape in about.columns().values())
     num_rows = about.num_train + about.num_heldout
     require_free_space(folder, num_rows * row_bytes + (1 << 20))

@@ -98,7 +98,7 @@ def _train(
         smoothing=0.05,
     )
     last_row: dict[str, float] = {}
-    with interrupts_noted(tqdm.write) as interrupted:
+    with bar, interrupts_noted(tqdm.write) as interrupted:
         steps = iterate(run, timers)
         goes_on = watch(run)
         while goes_on and run.frames < goal and not (run.book.is_over or _has_reached_score(run)):
@@ -121,7 +121,6 @@ def _train(
             last_row = _write_row(run, {}, timers)
         run.save_agent()
         run.save_state()
-    bar.close()
     is_over = run.book.is_over
     if is_over or run.frames >= goal:  # not within a slice
         run.book.publish(run.rated_network, run.describe_agent())
@@ -180,12 +179,12 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
             rollout = make_rollout(data, run.config.learner.reward_scale, num_others)
             waiting = run.replay.real.storage.open_slots()
             slots = run.replay.real.extend_rollout(rollout)
-            waiting = waiting[~torch.isin(waiting, slots)]  # else they were overwritten
         if run.average_policy:
             run.average_policy.remember(data)
     if run.generator:
         with timers.measure("generate"):
-            observe_steps(run, torch.cat([waiting, slots]))
+            kept = waiting[~torch.isin(waiting, slots)]  # the others were overwritten
+            observe_steps(run, torch.cat([kept, slots]))
 
 
 def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:

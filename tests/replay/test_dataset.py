@@ -75,7 +75,7 @@ def test_too_few_episodes_are_refused_and_nothing_is_left(tmp_path):
 
 def test_a_folder_of_something_else_is_kept(folder, tmp_path):
     (tmp_path / "notes.txt").write_text("mine", "utf-8")
-    message = "is not empty and holds no data set"
+    message = r"holds files of no data set \(.*\) and no dataset.json"
     with pytest.raises(OutputFolderError, match=message), new_dataset(tmp_path, ABOUT):
         pass
     assert (tmp_path / "notes.txt").read_text("utf-8") == "mine"

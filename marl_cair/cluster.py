@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import platform
@@ -23,6 +24,7 @@ LOCAL, RAY = "local", "ray"
 _LIBRARIES = ("marl_cair", "ray", "numba", "numpy", "torch", "torchrl")  # that change results
 _RETRIES = 3  # of a task whose worker or machine died; errors of the task itself are final
 _CONNECT_SECONDS = 20.0
+_CANCEL_SECONDS = 60.0
 _ANSWER_SECONDS = 120.0  # of a node: it starts a worker and imports torch
 _STORE_BYTES = 256 << 20  # of a local Ray, for objects in transfer
 _FORM = re.compile(r"local|ray|ray:auto|ray:[^/:]+:\d+")
@@ -207,7 +209,8 @@ class RayPool(Executor):
         for future, ref in left.items():
             future.cancel()
             self._ray.cancel(ref)
-        self._ray.wait([*left.values()], num_returns=len(left)) if left else None
+        if left:  # those of a machine that is gone never end
+            self._ray.wait([*left.values()], num_returns=len(left), timeout=_CANCEL_SECONDS)
 
 
 def _connect(cluster: str, num_workers: int) -> None:
@@ -240,7 +243,12 @@ def _connect(cluster: str, num_workers: int) -> None:
 
 @cache
 def _read_versions() -> dict[str, str]:
-    return {name: version(name) for name in _LIBRARIES}
+    """Of the libraries; of our own also a digest of the code: commits share a version."""
+    code = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        code.update(path.read_bytes())
+    found = {name: version(name) for name in _LIBRARIES}
+    return found | {"marl_cair": f"{found['marl_cair']} (code {code.hexdigest()[:8]})"}
 
 
 def _run(context: _Context, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:

@@ -9,20 +9,20 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_695,
-    "policies": 2_440,
-    "replay": 2_465,
-    "generative": 3_285,
+    "policies": 2_450,
+    "replay": 2_470,
+    "generative": 3_360,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_745,
-    "experiments": 1_650,
+    "training": 7_750,
+    "experiments": 1_730,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
     "cli": 4_360,
-    "": 1_955,  # the modules that every part may import
+    "": 1_965,  # the modules that every part may import
 }
 
 

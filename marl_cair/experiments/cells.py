@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from marl_cair.experiments.plan import BEST, Length, Plan, RatingSettings, TaskSettings
 from marl_cair.files import write_json
 from marl_cair.games import GAMES
+from marl_cair.games.engine import BatchedEngine
 from marl_cair.lookup import check_name
 from marl_cair.memory import NotEnoughMemoryError
 from marl_cair.stored import read_json
@@ -27,7 +28,8 @@ DEFAULTS = ("torch_threads=1", "evaluation.record=false")
 # Options in frames that follow the budget of a plan that is scaled down.
 _SCHEDULES = (
     *("exploration.anneal_frames", "evaluation.every_frames", "opponent.warmup_frames"),
-    *("opponent.snapshot_every_frames", "replay.min_transitions"),
+    *("opponent.snapshot_every_frames", "replay.min_transitions", "demonstration.until_frames"),
+    *("generator.evaluate_every_frames", "generator.warmup_frames"),
 )
 _SET_HERE = ("seed", "out", "max_minutes")
 Compose = Callable[[Sequence[Sequence[str]]], TrainConfig]
@@ -106,7 +108,10 @@ def _compose(plan: Plan, draft: Draft, compose: Compose, scale: float) -> TrainC
             name = word.partition("=")[0]
             require(name not in _SET_HERE, "a word", word, f"left out: a plan sets {name} itself")
         config = _set_length(compose(layers), plan.budget, scale)
+        whole = "left out: each run trains for its whole budget"
+        require(config.stop_score is None, "stop_score", config.stop_score, whole)
         _check_rating(task, config)
+        _check_numbers(task.rating, config)
         if task.rating.agent == BEST and not (draft.agent or draft.trainer):
             require_best(config, config.total_frames)
     except ValueError as error:
@@ -174,7 +179,7 @@ def _set_length(config: TrainConfig, budget: Length, scale: float) -> TrainConfi
         for path in _SCHEDULES:
             group, name = path.split(".")
             value = attrgetter(path)(config)
-            if 0 < value < ENDLESS_FRAMES:
+            if value is not None and 0 < value < ENDLESS_FRAMES:
                 own = dataclasses.replace(
                     getattr(config, group), **{name: max(1, int(value * scale))}
                 )
@@ -205,6 +210,22 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
     for agent in task.agents:
         if not Path(agent).is_dir():
             check_name(f"{game.name} bot or checkpoint folder", agent, game.bots)
+
+
+def _check_numbers(rating: RatingSettings, config: TrainConfig) -> None:
+    """Raise ValueError for a number that looks do not have. Flash games start a browser to tell."""
+    game, known = GAMES[config.game.name], [f"against {bot}" for bot in rating.bots]
+    if rating.bots:
+        only_alone = "left out: against bots the score is the lowest share of the points"
+        require(rating.number == RatingSettings.number, "rating.number", rating.number, only_alone)
+    elif not game.has_snapshots:
+        return
+    else:
+        engine = BatchedEngine(game, make_scenario(config, rating), 1)
+        known = ["return", "ended", *engine.info()]
+        check_name("number of the game (rating.number)", rating.number, known)
+    for name in rating.show:
+        check_name("number of a look (rating.show)", name.partition(" (")[0], known)
 
 
 def require_best(config: TrainConfig, frames: int) -> None:

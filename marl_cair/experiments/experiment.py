@@ -138,17 +138,20 @@ def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:
 
 
 def _choose(plan: Plan, only: Sequence[str]) -> list[Draft]:
-    """Cells with one of `only` as task, and as choice of each factor, wherever one is named."""
+    """Cells with one of `only` as task, and as choice of each factor, wherever one is named; the
+    agents that are rated without training are in all of their task: scales need them.
+    """
     drafts = list(list_drafts(plan))
     columns = [set(column) for column in zip(*(one.key for one in drafts), strict=True)]
     for name in only:
         check_name("task or choice", name, sorted(set.union(*columns) - {""}))
     asked = [column & set(only) for column in columns]
-    return [
-        one
-        for one in drafts
-        if all(not some or name in ("", *some) for name, some in zip(one.key, asked, strict=True))
-    ]
+    chosen = []
+    for one in drafts:
+        fits = [not own or name in ("", *own) for name, own in zip(one.key, asked, strict=True)]
+        if fits[0] and (one.agent or all(fits)):
+            chosen.append(one)
+    return chosen
 
 
 def _describe(plan: Plan, scale: float, config: ExperimentConfig, skipped: dict[str, str]) -> str:

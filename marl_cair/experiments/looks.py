@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +60,7 @@ def measure(agent: Any, cell: Cell, look: int) -> Row:
 def read_looks(path: Path) -> list[Row]:
     """The rows of a `looks.csv`; none without a file."""
     return [
-        {name: int(v) if name in ("look", "frames") else v for name, v in row.items()}
+        {name: int(v) if name in ("look", "frames", "updates") else v for name, v in row.items()}
         for row in read_log(path)
     ]
 
@@ -96,14 +96,15 @@ class Looks:
         return int(self.rows[-1]["look"]) if self.rows else -1
 
     def add(
-        self, agent: Any, frames: int, seconds: float, overestimation: float = math.nan
+        self, agent: Any, frames: int, seconds: float, learning: Mapping[str, float] | None = None
     ) -> None:
-        """Rate the agent and write the row. Looks are numbered by the interval that has ended."""
+        """Rate the agent and write the row, with further numbers of its learning, less those that
+        are not finite. Looks are numbered by the interval that has ended.
+        """
         number = max(self._last + 1, int(self.cell.looks.count(frames, seconds)))
         row: Row = {"look": number, "seconds": round(seconds, 2), "frames": frames}
         row |= measure(agent, self.cell, number)
-        if math.isfinite(overestimation):
-            row["overestimation"] = overestimation
+        row |= {name: value for name, value in (learning or {}).items() if math.isfinite(value)}
         self.rows.append(row)
         write_atomically(self._path, format_rows(self.rows))
 

@@ -112,6 +112,10 @@ def _list_columns(
     strength = np.array([row["mean"] for row in last])
     yield "steps", np.array([row["frames"] for row in last])
     yield "seconds", np.array([row["seconds"] for row in last])
+    for name in ("updates", "generated_share"):
+        values = np.array([row.get(name, np.nan) for row in last])
+        if np.isfinite(values).all():
+            yield name, values
     if all(len(run.rows) > 1 and not run.rows[0]["frames"] for run in runs):
         yield START, np.array([run.rows[0]["score"] for run in runs])
     yield SCORE, score
@@ -167,15 +171,18 @@ def find_levels(plan: Plan, runs: Sequence[Run]) -> list[Reached]:
     return [
         find_level(run, level)
         for run in runs
-        if len(run.rows) > 1
+        if end_of(run)
         for level in plan.tasks[run.task].levels
     ]
 
 
 def find_level(run: Run, level: float, number: str = "score") -> Reached:
-    """When a run's `number` is at or above `level` in two looks in a row for the first time."""
-    first = next((a for a, b in pairwise(run.rows) if min(a[number], b[number]) >= level), None)
+    """When a run's `number` is at or above `level` in two looks in a row for the first time, not
+    counting the untrained network.
+    """
+    trained = [row for row in run.rows if row["frames"]]
+    first = next((a for a, b in pairwise(trained) if min(a[number], b[number]) >= level), None)
     if first is None:
-        return Reached(run, level, None, max(row[number] for row in run.rows))
-    later = [row[number] for row in run.rows if row["seconds"] >= first["seconds"]]
+        return Reached(run, level, None, max(row[number] for row in trained))
+    later = [row[number] for row in trained if row["seconds"] >= first["seconds"]]
     return Reached(run, level, first, min(later))

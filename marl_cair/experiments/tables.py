@@ -14,7 +14,10 @@ from marl_cair.training.run_log import format_rows
 
 LOOKS, TABLE, LEVELS = "looks.csv", "table", "levels"
 Line = dict[str, str]
-_LATEX = str.maketrans({mark: f"\\{mark}" for mark in "%_&#$"})
+_LATEX = str.maketrans(
+    {mark: f"\\{mark}" for mark in "%_&#${}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+)
 
 
 def write_looks(plan: Plan, runs: Sequence[Run], path: Path) -> None:
@@ -30,18 +33,21 @@ def write_looks(plan: Plan, runs: Sequence[Run], path: Path) -> None:
 def write_tables(
     plan: Plan, entries: Sequence[Entry], reached: Sequence[Reached], notes: str, out: Path
 ) -> str:
-    """Write `table` and, where the plan has levels, `levels`, each as CSV, Markdown and LaTeX;
-    returns the Markdown. notes: what a reader must know of all numbers.
+    """Write `table` and, where the plan has levels, `levels`, each as CSV (plain numbers, intervals
+    as `_low` and `_high`), Markdown and LaTeX; returns the Markdown. notes: what a reader must know
+    of all numbers.
     """
     about = f"{plan.about or ''} {notes}".strip()
+    rows: dict[str, list[dict[str, object]]] = {TABLE: [_list_numbers(plan, e) for e in entries]}
     tables = {TABLE: [_format_entry(plan, entry) for entry in entries]}
     if reached:
+        rows[LEVELS] = [_list_reached(plan, one) for one in reached]
         tables[LEVELS] = [_format_reached(plan, one) for one in reached]
     texts = []
     for name, lines in tables.items():
         texts.append(f"{about}\n\n{_format_markdown(lines)}")
         for ending, text in (
-            (".csv", format_rows(lines)),
+            (".csv", format_rows(rows[name])),
             (".tex", _format_latex(lines, about)),
             (".md", texts[-1]),
         ):
@@ -53,6 +59,31 @@ def _name(plan: Plan, task: str, kind: Sequence[str]) -> Line:
     return {"task": task, **dict(zip(plan.factors, kind, strict=True))}
 
 
+def _find_published(plan: Plan, entry: Entry) -> float | None:
+    about = plan.tasks.get(entry.task)
+    known = about.published if about else {}
+    return next((score for one, score in known.items() if name_agent(one) in entry.kind), None)
+
+
+def _list_numbers(plan: Plan, entry: Entry) -> dict[str, object]:
+    row: dict[str, object] = {**_name(plan, entry.task, entry.kind), "runs": entry.num_runs}
+    if (score := _find_published(plan, entry)) is not None:
+        row[plan.source] = score
+    for name, (value, low, high) in entry.values.items():
+        row[name] = value
+        if not math.isnan(low):
+            row |= {f"{name}_low": low, f"{name}_high": high}
+    return row
+
+
+def _list_reached(plan: Plan, one: Reached) -> dict[str, object]:
+    """`score` is the lowest from then on; the best, where the level is never reached."""
+    when: Mapping[str, object] = one.first or {}
+    row: dict[str, object] = {**_name(plan, one.run.task, one.run.kind), "seed": one.run.seed}
+    row |= {"level": one.level, "seconds": when.get("seconds"), "steps": when.get("frames")}
+    return row | {"untrained": one.run.rows[0]["score"], "score": one.lowest}
+
+
 def _format_entry(plan: Plan, entry: Entry) -> Line:
     values = entry.values
     line = _name(plan, entry.task, entry.kind)
@@ -60,12 +91,11 @@ def _format_entry(plan: Plan, entry: Entry) -> Line:
     if any(task.rating.unit for task in plan.tasks.values()):
         line["unit"] = (about and about.rating.unit) or ""
     if any(task.published for task in plan.tasks.values()):
-        known = about.published if about else {}
-        scores = [score for one, score in known.items() if name_agent(one) in entry.kind]
-        line[plan.source] = f"{scores[0]:g}" if scores else ""
+        score = _find_published(plan, entry)
+        line[plan.source] = "" if score is None else f"{score:g}"
     line["runs"] = str(entry.num_runs)
     for name, value in values.items():
-        if name in ("steps", "seconds"):
+        if name in ("steps", "seconds", "updates"):
             line[name] = f"{value.value:,.0f}" if value.value else "-"
         else:
             line[name] = format_estimate(value)
@@ -75,7 +105,7 @@ def _format_entry(plan: Plan, entry: Entry) -> Line:
 def format_estimate(one: Estimate) -> str:
     """Three or more digits, and the interval, if there is one."""
     digits = 3 if abs(one.value) < 10 else 1 if abs(one.value) < 1000 else 0
-    shown = [f"{value:,.{digits}f}" for value in one]
+    shown = [f"{round(value, digits) + 0.0:,.{digits}f}" for value in one]  # no -0
     return shown[0] if math.isnan(one.low) else f"{shown[0]} [{shown[1]}, {shown[2]}]"
 
 
@@ -99,8 +129,9 @@ def _columns(lines: Sequence[Mapping[str, str]]) -> list[str]:
 
 def _format_markdown(lines: Sequence[Line]) -> str:
     names = _columns(lines)
-    rows = [[line.get(name, "") for name in names] for line in lines]
-    text = [f"| {' | '.join(row)} |" for row in (names, *rows)]
+    rows = [names, *([line.get(name, "") for name in names] for line in lines)]
+    rows = [[cell.replace("|", r"\|") for cell in row] for row in rows]
+    text = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([text[0], f"|{'---|' * len(names)}", *text[1:]]) + "\n"
 
 

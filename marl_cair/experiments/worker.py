@@ -92,7 +92,13 @@ def _train(looks: Looks, out: Path, report: Report) -> bool:
         share, last = cell.find_share(*spent), looks.last_frames
         is_final = share >= 1.0 and cell.rating.agent != BEST and run.frames > last
         if is_final or looks.is_due(*spent):
-            looks.add(run.rated, *spent, read_overestimation(log, last))
+            updates = run.learner.updates
+            learning = {
+                "updates": updates,
+                "generated_share": run.learner.generated / max(1, updates),
+                "overestimation": read_overestimation(log, last),
+            }
+            looks.add(run.rated, *spent, learning)
         report(share, looks.rows)
         return share < 1.0
 

@@ -14,10 +14,15 @@ from marl_cair.generative.generator import Generator
 from marl_cair.policies.actor import masked_argmax
 from marl_cair.replay import transition
 from marl_cair.replay.buffer import EpisodeReplayBuffer
-from marl_cair.replay.transition import NEXT_DONE, NEXT_REWARD, STEPS_TO_NEXT_OBS
+from marl_cair.replay.transition import (
+    NEXT_DONE,
+    NEXT_REWARD,
+    OTHER_ACTIONS,
+    STEPS_TO_NEXT_OBS,
+)
 
 _KEYS = (*transition.EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
-_STATE_KEYS = ("observation", "action_mask", "other_actions")
+_STATE_KEYS = ("observation", "action_mask", OTHER_ACTIONS)
 _FOLLOWING = (
     *(transition.NEXT_OBSERVATION, transition.NEXT_ACTION_MASK),
     *(transition.NEXT_TERMINATED, NEXT_DONE),
@@ -101,14 +106,15 @@ class Rollouts:
         heads = real.sample_steps(num_rows, self.num_real)
         ended = heads[NEXT_DONE].squeeze(1)
         lengths = heads[STEPS_TO_NEXT_OBS].squeeze(1)
-        begun = [heads[~ended].select(*_KEYS)]
+        begun = [heads[~ended]]
         for length in range(2, self.num_real + 1):
             index = heads["index"][ended & (lengths == length)]
             if len(index):
-                begun.append(real.read_steps(index, length - 1).select(*_KEYS))
+                begun.append(real.read_steps(index, length - 1))
         rows = cast(TensorDict, torch.cat(begun))
         before = rows[STEPS_TO_NEXT_OBS].clone()
-        rows = self.extend(rows, self.num_generated)
+        others = real.storage.find_others_after(rows["index"], before.squeeze(1))
+        rows = self.extend(rows.select(*_KEYS), self.num_generated, others)
         made = [rows[(rows[STEPS_TO_NEXT_OBS] > before).squeeze(1)]]
         last = heads[ended & (lengths == 1)]
         if len(last):
@@ -117,11 +123,12 @@ class Rollouts:
         return cast(TensorDict, torch.cat(made))
 
     @torch.no_grad()
-    def extend(self, rows: TensorDict, num_steps: int) -> TensorDict:
+    def extend(self, rows: TensorDict, num_steps: int, others: Tensor | None = None) -> TensorDict:
         """Extend transitions [N] by up to `num_steps` generated steps, in place.
 
         A row stops at the end of its episode, and if the next prediction is rejected.
-        rows: EXPERIENCE_KEYS and "steps_to_next_obs".
+        rows: EXPERIENCE_KEYS and "steps_to_next_obs". others: actions of the other seats in the
+        first of these steps, int64 [N, O], if they are known.
         """
         places = (~rows[NEXT_DONE].squeeze(1)).nonzero().squeeze(1)
         for _ in range(num_steps):
@@ -129,6 +136,8 @@ class Rollouts:
                 break
             starts = rows[places]["next"].select("observation", "action_mask")
             starts["action"] = self.choose(starts["observation"], starts["action_mask"])
+            if others is not None:
+                starts[OTHER_ACTIONS], others = others[places], None
             predicted, accepted = self.generator.predict(starts)
             places, predicted = places[accepted], predicted[accepted]
             discounts = self.gamma ** rows[STEPS_TO_NEXT_OBS][places].double()

@@ -84,8 +84,8 @@ class PlaceValues(_CellReader):
     """Planes float32 [N, C, H, W] and features [N, F] -> values float32 [N, H, W, A]: of each of A
     actions at each cell, for games with an action at every cell (GridNet, Han et al. 2019).
 
-    Dueling: the value of the state and, at each cell, advantages less their mean, 0 initially. The
-    value of a whole action is the mean over the places that act (`actor.average_places`).
+    Dueling: the value of the state and, at each cell, advantages less their mean; all 0 initially.
+    The value of a whole action is the mean over the places that act (`actor.average_places`).
     Raises ValueError unless the observation is a board whose cells are the places.
     """
 
@@ -99,6 +99,9 @@ class PlaceValues(_CellReader):
             )
         super().__init__(shape[0], num_features, num_actions)
         self.state_value = nn.Linear(num_features, 1)
+        with torch.no_grad():
+            for weight in self.state_value.parameters():
+                weight.zero_()
 
     def forward(self, planes: Tensor, features: Tensor, is_reduced: bool = False) -> Tensor:
         advantage = self.read(planes, features, is_reduced).permute(0, 2, 3, 1)

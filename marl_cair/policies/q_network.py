@@ -108,8 +108,7 @@ class QNetwork(nn.Module):
         if self.config.noisy:
             make_noisy(head)
         if self.config.norm != "none":  # features do not shrink: large values would hide rewards
-            for weight in head.parameters():
-                weight.data.mul_(FIRST_VALUES)
+            _shrink_outputs(head)
         return head
 
     def forward(
@@ -266,6 +265,16 @@ def make_q_network(
             network = QNetwork(config, observation_shape, num_actions)
     check_outside(network)
     return network
+
+
+@torch.no_grad()
+def _shrink_outputs(head: nn.Module) -> None:
+    """Scale the weights of a head by FIRST_VALUES: of layers in a row only the last one's."""
+    rows = [layer for layer in head.modules() if isinstance(layer, nn.Sequential)]
+    kept = {id(weight) for row in rows for weight in row[:-1].parameters()}
+    for weight in head.parameters():
+        if id(weight) not in kept:
+            weight.mul_(FIRST_VALUES)
 
 
 def _to_float(observation: Tensor, channels_last: bool) -> Tensor:

@@ -237,6 +237,15 @@ class EpisodeStorage:
         fields[transition.IS_GENERATED] = torch.zeros(len(slots), 1, dtype=torch.bool)
         return transition.make_tensordict(fields)
 
+    def find_others_after(self, index: torch.Tensor, num_steps: torch.Tensor) -> torch.Tensor:
+        """The other seats' actions int64 [N, O] in the states `num_steps` int64 [N] steps after
+        slots `index` of transitions that long; UNKNOWN_ACTION where they are not stored yet.
+        """
+        slots, steps = index.numpy(), num_steps.numpy()
+        for step in range(max(steps, default=0)):
+            slots = np.where(step < steps, self._ring.successor[slots], slots)
+        return torch.from_numpy(self._ring.other_actions[slots].astype(np.int64))
+
     @property
     def _observation_size(self) -> int:
         return self.spec.observation_shape[0] * self.spec.num_cells

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from marl_cair.policies.heads import set_noise
 from marl_cair.policies.q_network import QNetwork
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
-from marl_cair.ranges import COUNT, read_number
+from marl_cair.ranges import COUNT, WEIGHT, read_number
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.losses import Loss, find_learned, measure_errors
 from marl_cair.training.settings.demonstration import DemonstrationSettings
@@ -80,6 +80,7 @@ class Learner:
         epsilon = {} if settings.optimizer == "sgd" else {"eps": settings.optimizer_epsilon}
         self.optimizer = make_optimizer(self._parameters, lr=settings.learning_rate, **epsilon)
         self.updates = 0
+        self.generated = 0.0  # sum over updates of the generated share of their rows
 
     def update(self, batch: TensorDict, done: float = 0.0) -> dict[str, Tensor | float]:
         """One gradient step on rows as the loss reads them; returns scalars for the log.
@@ -158,7 +159,8 @@ class Learner:
             if count:
                 values[f"td_error/{name}"] = error[rows].mean()
                 values[f"loss/{name}"] = loss[rows].mean()
-        values["batch/generated_share"] = num_generated / len(error)
+        values["batch/generated_share"] = share = num_generated / len(error)
+        self.generated += share
         return values
 
     def state_dict(self) -> dict[str, Any]:
@@ -167,6 +169,7 @@ class Learner:
             **{name: dict(network.state_dict()) for name, network in self._networks().items()},
             "optimizer": self.optimizer.state_dict(),
             "updates": self.updates,
+            "generated": self.generated,
             "noise": self.noise.get_state(),
         }
 
@@ -180,4 +183,6 @@ class Learner:
             restore_weights(network, state[name], f"learner.{name}")
         restore_optimizer(self.optimizer, state["optimizer"], "learner.optimizer")
         self.updates = read_number(state, "updates", COUNT)
+        if "generated" in state:  # not in states from before it was counted
+            self.generated = read_number(state, "generated", WEIGHT)
         self.noise.set_state(state["noise"])

@@ -137,7 +137,8 @@ def _add_targets(
 ) -> TensorDict:
     """Generated transitions [N] of n steps as rows, with targets."""
     following, none = generated["next"], torch.zeros(len(generated), 0)
-    ahead = double.rate(following["observation"], none, following["action_mask"])
+    allowed = following["action_mask"] | following["terminated"]  # after an end it may be empty
+    ahead = double.rate(following["observation"], none, allowed)
     target = find_targets(generated, ahead, settings.gamma)
     seen, mask, action = (generated[name] for name in ("observation", "action_mask", "action"))
     if settings.action_gap:

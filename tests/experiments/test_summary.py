@@ -64,6 +64,8 @@ def test_a_level_counts_when_two_looks_in_a_row_reach_it():
     reached, never = find_levels(plan, [run])
     assert (reached.first["seconds"], reached.lowest) == (30.0, 0.2)
     assert (never.first, never.lowest) == (None, 0.97)
+    untrained = make_run("pqn", 0, 100, [1.0, 1.0, 0.5, 0.4])
+    assert [one.first for one in find_levels(plan, [untrained])] == [None, None]
 
 
 def test_overestimation_is_that_of_the_last_third():

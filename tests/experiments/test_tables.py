@@ -40,10 +40,19 @@ def test_a_table_is_written_in_three_forms(plan, tmp_path):
     assert "| maze | dqn | % won | 78 | 2 | 512 | 60.0 [50.0, 70.0] |" in text
     assert "| maze | oracle | % won |  | 1 | - | 99.0 |" in text
     first, second = read(tmp_path / "table.csv")
-    assert (first["paper"], first["score"], second["paper"]) == ("78", "60.0 [50.0, 70.0]", "")
+    assert (first["paper"], second["paper"]) == ("78.0", "")
+    assert [float(first[f"score{end}"]) for end in ("", "_low", "_high")] == [60, 50, 70]
+    assert (second["score"], second["score_low"]) == ("99.0", "")
     latex = (tmp_path / "table.tex").read_text("utf-8")
     assert r"maze & dqn & \% won & 78 & 2 & 512 & 60.0 [50.0, 70.0] \\" in latex
     assert not (tmp_path / "levels.md").exists()
+
+
+def test_marks_of_markdown_and_latex_are_escaped_and_zero_has_no_sign(plan, tmp_path):
+    entry = Entry("maze", ("dqn",), 1, {"a|b^2": Estimate(-0.0001)})
+    assert "a\\|b^2" in (text := write_tables(plan, [entry], [], "", tmp_path))
+    assert "| 0.000 |" in text
+    assert r"a|b\textasciicircum{}2" in (tmp_path / "table.tex").read_text("utf-8")
 
 
 def test_levels_are_a_table_of_their_own(plan, tmp_path):
@@ -54,6 +63,11 @@ def test_levels_are_a_table_of_their_own(plan, tmp_path):
     assert held in text
     assert "| maze | dqn | 3 | 0.5 | 0.9 | never | - | best 0.5 |" in text
     assert held in (tmp_path / "levels.md").read_text("utf-8")
+    first, second = read(tmp_path / "levels.csv")
+    assert [float(first[name]) for name in ("level", "seconds", "steps", "score")] == [
+        *(0.5, 2.5, 128, 0.5)
+    ]
+    assert (second["seconds"], second["score"]) == ("", "0.5")
 
 
 def test_looks_are_one_row_for_each_cell_and_look(plan, tmp_path):

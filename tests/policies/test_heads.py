@@ -34,6 +34,20 @@ def test_values_are_the_means_of_the_quantiles(changes):
     assert make(head="quantile").num_quantiles == 32
 
 
+@pytest.mark.parametrize("head", ["dueling", "quantile"])
+def test_first_values_of_normalised_networks_are_small_with_any_head(head):
+    def spread(**settings):
+        network = make(head=head, norm="layer", **settings)
+        return float(network(make_planes(8)).detach().std(1).mean())
+
+    assert 0.001 < spread() < 0.05
+    assert spread(action_embedding=4) == pytest.approx(spread(), rel=0.8)
+    places = make_q_network(
+        QNetworkConfig(action_shape=SHAPE[1:], norm="layer", hidden_width=16), SHAPE, 4, 0
+    )
+    assert not places(make_planes(2)).any()
+
+
 def test_each_quantile_is_dueling():
     head = make(head="quantile", num_quantiles=3).head
     features = torch.randn(4, 16, generator=torch.Generator().manual_seed(0))

@@ -1,5 +1,6 @@
 """The ring of steps equals a slow replay on lists, whatever is appended and overwritten."""
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from marl_cair.files import NotEnoughSpaceError
 from marl_cair.replay import EpisodeStorage, Rollout, TransitionSpec
+from marl_cair.replay.transition import UNKNOWN_ACTION
 from tests.replay.streams import SMALL, ListReplay, make_rollout
 
 
@@ -129,6 +131,18 @@ def test_open_slots_are_those_that_wait_for_a_next_step(length):
         slots = torch.cat([waiting, storage.append(make_rollout(rng, length, 3, end_rate=0.2))])
         passed += slots[storage.has_next(slots)].tolist()
     assert sorted(passed) == storage.step_slots().tolist()  # each once
+
+
+def test_the_others_actions_after_some_steps_are_those_recorded_there():
+    spec = dataclasses.replace(SMALL, num_others=2)
+    storage = EpisodeStorage(spec, 20, n_steps=3)
+    rollout = make_steps([0.0] * 6, terminated=[False, False, False, True, False, False])
+    theirs = torch.arange(12).view(6, 1, 2)
+    slots = storage.append(Rollout(**{**vars(rollout), "other_actions": theirs}))
+    found = storage.find_others_after(slots[[0, 1, 0, 4]], torch.tensor([1, 2, 0, 1]))
+    assert found.tolist() == [[2, 3], [6, 7], [0, 1], [10, 11]]
+    ended = storage.find_others_after(slots[[3]], torch.tensor([1]))
+    assert ended.tolist() == [[UNKNOWN_ACTION] * 2]
 
 
 def test_vectors_of_floats_are_stored_bit_by_bit():

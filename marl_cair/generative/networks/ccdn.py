@@ -311,17 +311,17 @@ class CCDN(nn.Module):
         self, encoding: Encoding, choices: Choices, generator: torch.Generator | None
     ) -> tuple[Tensor, Tensor]:
         """The next board, uint8 [N, P, H, W], and the log probability [N] of the likeliest one."""
-        offsets = None
+        drawn = None
         if generator is not None:
-            shape = len(encoding.planes), len(self.layers)
-            offsets = torch.rand(shape, generator=generator)
+            shape = len(encoding.planes), len(self.layers), 1 + encoding.planes[0, 0].numel()
+            drawn = torch.rand(shape, generator=generator)
         base, edited, surety = decode_board(
             choices.of_cells.detach(),
             choices.of_boards.detach(),
             encoding.planes,
             self.layer_of,
             self.size.shifts,
-            offsets,
+            drawn,
         )
         known = encoding.context, edited, base, surety, generator, encoding.board
         return self._edit(*known), surety

@@ -14,6 +14,9 @@ from numba import njit
 from torch import Tensor
 
 _SURE = np.float32(12.0)  # logits beyond are certain: no exp is taken
+# Less likely edits are not drawn (as in nucleus sampling, Holtzman et al. 2020): on a board of
+# hundreds of cells the errors of such odds would add up to units that come from nowhere.
+_LEAST_ODDS = 0.02
 
 
 def decode_board(
@@ -22,7 +25,7 @@ def decode_board(
     planes: Tensor,
     layer_of: Tensor,
     shifts: tuple[tuple[int, int], ...],
-    offsets: Tensor | None = None,
+    drawn: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The base uint8 [N, P, H, W], which cells are edited, bool like it, and the log probability
     [N] of the likeliest of both.
@@ -30,9 +33,10 @@ def decode_board(
     logits: float32 [N, L * K + P, H, W]: sources of L layers, then edits. of_boards: float32
     [N, L * K + P], added on the whole board. planes: uint8 [N, P, H, W], now. layer_of: int64 [P].
     shifts: of the sources, as in `boards.stack_sources`.
-    offsets: float32 [N, L] of 0..1: base and edits are sampled, instead of the likeliest. Changes
-    are drawn over the whole board at even distances (systematic sampling): of ten cells with a
-    chance of 1/10 each exactly one changes, in all planes of a layer.
+    drawn: float32 [N, L, 1 + H * W] of 0..1: base and edits are sampled, instead of the likeliest.
+    A number of each cell decides where its unit goes: both cells of a move change, or none. Edits
+    are drawn over the whole board at even distances (systematic sampling), from the first number
+    on: of ten cells with a chance of 1/10 each exactly one is edited, in all planes of a layer.
     """
     device, planes = planes.device, planes.contiguous().cpu()
     base, edited = torch.empty_like(planes), torch.zeros_like(planes, dtype=torch.bool)
@@ -43,7 +47,7 @@ def decode_board(
         planes.numpy(),
         layer_of.cpu().numpy(),
         np.array(shifts, np.int64).reshape(-1, 2),
-        np.empty((len(planes), 0), np.float32) if offsets is None else offsets.numpy(),
+        np.empty((len(planes), 0, 0), np.float32) if drawn is None else drawn.numpy(),
         (base.numpy(), edited.numpy(), surety.numpy()),
     )
     return base.to(device), edited.to(device), surety.to(device)
@@ -56,44 +60,122 @@ def _decode(
     planes: Any,
     layer_of: Any,
     shifts: Any,
-    offsets: Any,
+    drawn: Any,
     out: Any,
 ) -> None:
     base, edited, surety = out
     num, num_planes, rows, columns = planes.shape
     num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
-    is_sampled = offsets.shape[1] > 0
     values = np.zeros((num_sources, num_planes), np.uint8)
-    odds = np.zeros(num_planes)  # of edits
+    chances = np.zeros((num_layers, rows * columns, num_sources))
+    chosen = np.zeros((num_layers, rows * columns), np.int64)
     for image in range(num):
         total = 0.0
-        drawn = offsets[image].astype(np.float64)
-        for row in range(rows):
-            for column in range(columns):
-                read_sources(planes[image], row, column, shifts, values)
-                outputs = logits[image, row, column] + of_boards[image]
-                total += _find_odds(outputs[num_layers * num_sources :], odds)
-                for layer in range(num_layers):
-                    first = layer * num_sources
-                    chosen, other, log_prob, change = _choose(
-                        outputs[first : first + num_sources], values, layer, layer_of
-                    )
-                    total += log_prob
-                    largest, start = 0.0, 0.5
-                    if is_sampled:
-                        before = np.floor(drawn[layer])
-                        drawn[layer] += change
-                        start = drawn[layer]
-                        chosen = other if np.floor(start) > before else 0
-                    for plane in range(num_planes):
-                        if layer_of[plane] == layer:
-                            base[image, plane, row, column] = values[chosen, plane]
-                            is_edited = np.floor(start + odds[plane]) > np.floor(start)
-                            edited[image, plane, row, column] = is_edited
-                            largest = max(largest, odds[plane])
-                    if is_sampled:
-                        drawn[layer] += largest
-        surety[image] = total
+        outputs = logits[image] + of_boards[image]
+        for place in range(rows * columns):
+            row, column = place // columns, place % columns
+            read_sources(planes[image], row, column, shifts, values)
+            for layer in range(num_layers):
+                own = outputs[row, column, layer * num_sources : (layer + 1) * num_sources]
+                best, log_prob = _choose(own, values, layer, layer_of, chances[layer, place])
+                chosen[layer, place] = best
+                total += log_prob
+        starts = np.full(num_layers, 0.5)
+        if drawn.shape[1]:
+            starts[:] = drawn[image, :, 0]
+            for layer in range(num_layers):
+                _move(chances[layer], shifts, columns, drawn[image, layer, 1:], chosen[layer])
+        edits = outputs[:, :, num_layers * num_sources :]
+        board = planes[image], base[image], edited[image]
+        surety[image] = total + _write_board(edits, *board, layer_of, shifts, chosen, starts)
+
+
+@njit(cache=True, nogil=True)
+def _write_board(
+    logits: Any,
+    planes: Any,
+    base: Any,
+    edited: Any,
+    layer_of: Any,
+    shifts: Any,
+    chosen: Any,
+    starts: Any,
+) -> float:
+    """Write the values of the chosen sources, and which are edited: the likeliest where all
+    `starts` [L] are 1/2, else sampled from there on. Returns the log probability of the likeliest.
+    """
+    num_planes, rows, columns = planes.shape
+    values = np.zeros((shifts.shape[0] + 2, num_planes), np.uint8)
+    is_sampled = (starts != 0.5).any()
+    odds, total = np.zeros(num_planes), 0.0
+    for place in range(rows * columns):
+        row, column = place // columns, place % columns
+        read_sources(planes, row, column, shifts, values)
+        total += _find_odds(logits[row, column], odds)
+        if is_sampled:
+            odds[odds < _LEAST_ODDS] = 0.0
+        largest = np.zeros(len(starts))
+        for plane in range(len(odds)):
+            layer = layer_of[plane]
+            base[plane, row, column] = values[chosen[layer, place], plane]
+            reached = np.floor(starts[layer] + odds[plane])
+            edited[plane, row, column] = reached > np.floor(starts[layer])
+            largest[layer] = max(largest[layer], odds[plane])
+        if is_sampled:
+            starts += largest
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _move(chances: Any, shifts: Any, columns: int, drawn: Any, chosen: Any) -> None:
+    """Sample the sources int64 [H * W] of the cells of a layer.
+
+    chances: [H * W, K] of each source whose values are not the cell's present ones; the last one is
+    0 there. drawn: [H * W] of 0..1, one number for the unit of each cell. Cells to which it may go
+    have parts of 0..1 and take the unit if its number is in theirs; its own cell is empty for
+    numbers from 0 to the chance of that. So each cell changes as often as the network says, and
+    cells that belong together change together.
+    """
+    num_cells, num_sources = chances.shape
+    number = _find_numbers(chances, shifts, columns, drawn)
+    taken = np.zeros(num_cells)
+    for place in range(num_cells):
+        chosen[place] = 0
+        for source in range(1, num_sources - 1):
+            if chances[place, source] > 0.0:
+                unit = place - shifts[source - 1, 0] * columns - shifts[source - 1, 1]
+                # From the start again beyond 1: a unit may move while another one follows it.
+                if (number[unit] - taken[unit]) % 1.0 < chances[place, source]:
+                    chosen[place] = source
+                taken[unit] += chances[place, source]
+    for place in range(num_cells):
+        is_gone = number[place] < chances[place].sum()
+        if chosen[place] == 0 and chances[place, num_sources - 1] > 0.0 and is_gone:
+            chosen[place] = num_sources - 1
+
+
+@njit(cache=True, nogil=True)
+def _find_numbers(chances: Any, shifts: Any, columns: int, drawn: Any) -> Any:
+    """The numbers [H * W] of the units of all cells. One that may enter another one's cell has that
+    one's number: it moves when there is room.
+    """
+    num_cells, num_sources = chances.shape
+    room = np.full(num_cells, -1)  # the cell whose unit must leave first
+    for place in range(num_cells):
+        if chances[place, num_sources - 1] > 0.0:
+            source = chances[place, : num_sources - 1].argmax()
+            if chances[place, source] > 0.0:
+                unit = place - shifts[source - 1, 0] * columns - shifts[source - 1, 1]
+                room[unit] = place
+    number = np.zeros(num_cells)
+    for place in range(num_cells):
+        front = place
+        for _ in range(num_cells):  # a ring has no front
+            if room[front] < 0:
+                break
+            front = room[front]
+        number[place] = drawn[front]
+    return number
 
 
 @njit(cache=True, nogil=True)
@@ -125,34 +207,34 @@ def read_sources(planes: Any, row: int, column: int, shifts: Any, values: Any) -
 
 
 @njit(cache=True, nogil=True)
-def _choose(outputs: Any, values: Any, layer: int, layer_of: Any) -> tuple[int, int, float, float]:
-    """The likeliest source of a layer at a cell; the likeliest whose values are not the present
-    ones; the log probability of the first one's values; the probability of a change.
+def _choose(
+    outputs: Any, values: Any, layer: int, layer_of: Any, chances: Any
+) -> tuple[int, float]:
+    """The likeliest source of a layer at a cell, and the log probability of its values; writes the
+    chances [K] of sources whose values are not the present ones. Neighbours without a unit count
+    with the last source.
     """
     num_sources = outputs.shape[0]
-    if not _differs(values, 0, num_sources - 1, layer, layer_of):
-        is_empty = True
-        for source in range(1, num_sources - 1):
-            if _differs(values, source, num_sources - 1, layer, layer_of):
-                is_empty = False
-        if is_empty:
-            return 0, 0, 0.0, 0.0
-    best, other = 0, 0
-    for source in range(1, num_sources):
+    last = num_sources - 1
+    chances[:] = 0.0
+    best, num_full = 0, 0
+    for source in range(num_sources):
+        num_full += _differs(values, source, last, layer, layer_of)
         if outputs[source] > outputs[best]:
             best = source
-        is_other = _differs(values, source, 0, layer, layer_of)
-        if is_other and (other == 0 or outputs[source] > outputs[other]):
-            other = source
-    whole = same = own = 0.0
+    if not num_full:
+        return 0, 0.0
+    whole = same = 0.0
     for source in range(num_sources):
         weight = np.exp(outputs[source] - outputs[best])
         whole += weight
         if not _differs(values, source, best, layer, layer_of):
             same += weight
-        if not _differs(values, source, 0, layer, layer_of):
-            own += weight
-    return best, other, np.log(same / whole), 1.0 - own / whole
+        if _differs(values, source, 0, layer, layer_of):
+            is_full = _differs(values, source, last, layer, layer_of)
+            chances[source if is_full else last] += weight
+    chances /= whole
+    return best, np.log(same / whole)
 
 
 @njit(cache=True, nogil=True)

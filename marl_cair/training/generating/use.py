@@ -68,7 +68,7 @@ def use_generator(run: TrainingRun, before: int) -> None:
     if is_evaluated and run.generator_is_on:
         with _attempt(run, "its evaluation"):
             _evaluate(run, generator)
-        num_refills = max(1, num_refills)
+        num_refills = max(num_refills, not len(run.replay.generated))
     run.replay.generated_open = run.may_use_generated
     if num_refills and run.may_use_generated:
         with _attempt(run, "generating"):
@@ -83,9 +83,10 @@ def begin_offline(run: TrainingRun) -> None:
     if generator is None:
         return
     _begin_again(run)
-    with _attempt(run, "its update"):
-        for _ in range(run.config.offline.generator_updates):
-            _learn(run, generator)
+    if run.generator_is_on:
+        with _attempt(run, "its update"):
+            for _ in range(run.config.offline.generator_updates):
+                _learn(run, generator)
     if run.generator_is_on:
         with _attempt(run, "its evaluation"):
             _evaluate(run, generator)
@@ -148,6 +149,8 @@ def _evaluate(run: TrainingRun, generator: Generator) -> None:
     report = generator.evaluate()
     _require_finite("metric", report.metrics)
     run.gate_is_open = report.passed
+    if not report.passed:
+        run.replay.generated.clear()  # else they are used again, older still, when it opens again
     values = {f"gate/{name}": value for name, value in report.metrics.items()}
     run.means.add({"gate/passed": float(report.passed), **values})
     reasons = "; ".join(report.reasons)

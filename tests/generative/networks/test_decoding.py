@@ -35,6 +35,10 @@ def make_planes(num, seed=0):
     return (values * (torch.rand(num, 4, 5, 6, generator=generator) < 0.3)).to(torch.uint8)
 
 
+def draw(num):
+    return torch.rand(num, len(LAYERS), 1 + 5 * 6)
+
+
 def test_planes_of_one_event_are_one_layer():
     assert LAYERS == [[1, 3], [0], [2]]
 
@@ -58,14 +62,57 @@ def test_of_cells_with_even_odds_exactly_one_changes_in_all_planes_of_its_layer(
     edits = logits[:, len(LAYERS) * NUM_SOURCES :]
     edits[:, 1, 0, :5] = edits[:, 3, 0, :5] = torch.tensor(0.1).logit()
     edits[:, 1, 3, :5] = edits[:, 3, 3, :5] = torch.tensor(0.1).logit()
-    planes, offsets = torch.zeros(num, 4, 5, 6, dtype=torch.uint8), torch.rand(num, len(LAYERS))
+    planes = torch.zeros(num, 4, 5, 6, dtype=torch.uint8)
     zeros = torch.zeros(num, logits.shape[1])
-    _, edited, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, offsets)
+    _, edited, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, draw(num))
     assert (edited.flatten(2).sum(2) == torch.tensor([0, 1, 0, 1])).float().mean() > 0.99
     assert torch.equal(edited[:, 1], edited[:, 3])
     where = edited[:, 1].flatten(1).float().mean(0)
     assert where[where > 0].numel() == 10
     assert where.max() < 0.17
+
+
+def sample_walkers(chance, cells, kinds=(1,)):
+    """Boards of 400 samples in which the units in row 2 at `cells`, of plane 0, go to the right
+    with the same chance; `kinds`: their values.
+    """
+    num = 400
+    planes = torch.zeros(num, 4, 5, 6, dtype=torch.uint8)
+    planes[:, 0, 2, cells] = torch.tensor(kinds, dtype=torch.uint8)
+    logits = torch.full((num, len(LAYERS) * NUM_SOURCES + 4, 5, 6), -30.0)
+    sources = logits[:, : len(LAYERS) * NUM_SOURCES].view(num, len(LAYERS), NUM_SOURCES, 5, 6)
+    sources[:, :, 0] = 0.0
+    moves = torch.tensor(chance).logit()
+    for cell in cells:
+        sources[:, 1, 1, 2, cell + 1] = moves  # its right neighbour takes it over
+    sources[:, 1, NUM_SOURCES - 1, 2, cells[0]] = moves  # the last cell of the row becomes empty
+    zeros = torch.zeros(num, logits.shape[1])
+    base, _, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, draw(num))
+    return base[:, 0, 2]
+
+
+@pytest.mark.parametrize("chance", [0.9, 0.7, 0.3])
+def test_a_unit_that_may_move_is_neither_lost_nor_doubled(chance):
+    found = sample_walkers(chance, [1])
+    assert torch.equal(found.sum(1), torch.ones(400, dtype=torch.int64))
+    assert float((found[:, 2] == 1).float().mean()) == pytest.approx(chance, abs=0.08)
+
+
+def test_units_in_a_row_move_together_or_stay():
+    found = sample_walkers(0.6, [1, 2, 3], (1, 2, 3))
+    stay, go = torch.tensor([0, 1, 2, 3, 0, 0]), torch.tensor([0, 0, 1, 2, 3, 0])
+    moved = (found == go).all(1)
+    assert ((found == stay).all(1) | moved).all()
+    assert float(moved.float().mean()) == pytest.approx(0.6, abs=0.08)
+
+
+def test_tiny_odds_of_many_cells_make_no_unit():
+    num = 100
+    logits = torch.full((num, len(LAYERS) * NUM_SOURCES + 4, 5, 6), -4.5)  # 30 cells of 1.1 %
+    logits[:, : len(LAYERS) * NUM_SOURCES : NUM_SOURCES] = 30.0
+    planes, zeros = torch.zeros(num, 4, 5, 6, dtype=torch.uint8), torch.zeros(num, logits.shape[1])
+    _, edited, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, draw(num))
+    assert not edited.any()
 
 
 def test_a_walker_arrives_at_one_of_its_cells():
@@ -79,7 +126,7 @@ def test_a_walker_arrives_at_one_of_its_cells():
     for source, row, column in ((1, 2, 3), (2, 2, 1)):  # right or left
         sources[:, 1, source, row, column] = 0.0
     zeros = torch.zeros(num, logits.shape[1])
-    base, _, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, torch.rand(num, len(LAYERS)))
+    base, _, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, draw(num))
     walked = base[:, 0]
     assert (walked.flatten(1).sum(1) == 9).float().mean() > 0.99
     assert float((walked[:, 2, 3] == 9).float().mean()) == pytest.approx(0.5, abs=0.1)

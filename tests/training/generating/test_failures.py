@@ -21,7 +21,11 @@ LENIENT = Acceptance(min_surety=-math.inf, certain=0.0, may_end=True, may_be_rar
 def make_config(out, frames=1_280, every=256, model=SMALL_GENERATOR):
     """The generator learns at each 64 steps and is evaluated at each `every`."""
     settings = GeneratorSettings(
-        model=model, batch_size=16, frames_per_update=64, evaluate_every_frames=every
+        model=model,
+        batch_size=16,
+        frames_per_update=64,
+        evaluate_every_frames=every,
+        refill_every_frames=every,
     )
     return tiny(out, frames, generator=settings)
 

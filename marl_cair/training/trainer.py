@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
@@ -191,6 +192,8 @@ def _learn(run: TrainingRun, before: int, data: TensorDictBase) -> None:
     if run.average_policy:
         num_updates = count_due(before, run.frames, run.config.nfsp.frames_per_update)
         for values in run.average_policy.learn(num_updates):
+            if not math.isfinite(float(values["average/loss"])):
+                raise DivergedError(f"frame {run.frames}: the average policy's loss is no number")
             run.means.add(values)
     settings, done = run.config.learner, run.frames / run.config.total_frames
     if not run.learner.loss.LEARNS_FROM_REPLAY:

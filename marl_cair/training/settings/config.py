@@ -349,7 +349,7 @@ class TrainConfig:
     def _check_action_shape(self) -> None:
         """Raise ValueError for parts that cannot learn from an action at each cell."""
         takes = LOSSES[self.learner.algorithm].TAKES_ACTION_SHAPES
-        if not takes or self.generator.name != NO_GENERATOR:
+        if not takes or self.has_generator:
             raise ValueError(
                 f"the scenario has an action at each cell of {list(self.game.spec.action_shape)}: "
                 "set recipe=pqn (learner.algorithm=pqn generator=none), or one action per step: "
@@ -359,7 +359,7 @@ class TrainConfig:
     def _check_memory(self) -> None:
         """Raise ValueError for parts that cannot train a network with memory."""
         learner, replay = self.learner, self.replay
-        has_no_state = self.generator.name != NO_GENERATOR and not learner.learns_from_replay
+        has_no_state = self.has_generator and not learner.learns_from_replay
         reads_steps = not LOSSES[learner.algorithm].READS_SEQUENCES
         for is_refused, reason, instead in (
             (has_no_state, "without replay no generated one has a state", "generator=none"),

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from marl_cair.experiments.cells import name_agent
 from marl_cair.experiments.plan import Plan
 from marl_cair.experiments.summary import SCORE, START, Entry, Run, trim
 from marl_cair.files import atomic_path
@@ -19,12 +20,14 @@ from marl_cair.training.run_log import read_log
 
 _PANEL = (4.6, 3.3)  # inches
 _PLACES = 60  # of a mean curve
+_MOST_LINES, _RESAMPLES = 5, 500
 Kind = tuple[str, ...]
 
 
 def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path: Path) -> None:
     """A column for each task. With looks while training: scores over processor seconds and over
-    steps, each run thin, the interquartile mean thick. Else scores at the end, with intervals.
+    steps, the interquartile mean with its 95 % bootstrap interval; up to five runs are thin lines.
+    Else scores at the end, with intervals: a colour for each choice of the first factor.
     """
     tasks = [task for task in plan.tasks if any(run.task == task for run in runs)]
     kinds = list(dict.fromkeys(run.kind for run in runs))
@@ -37,20 +40,22 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
         label = textwrap.fill(about.rating.unit or _name_score(plan, task), 40)
         if has_curves:
             for panel, axis in zip(column, ("seconds", "frames"), strict=True):
-                _draw_curves(panel, own, kinds, axis)
+                _draw_curves(panel, own, kinds, axis, plan)
                 panel.set_ylabel(label)
                 for level in about.levels:
                     panel.axhline(level, color="0.6", linewidth=0.8, linestyle=":")
             column[0].set_xlabel("processor seconds of training")
             column[1].set_xlabel("environment steps (thousands)")
         else:
-            _draw_ends(column[0], [one for one in entries if one.task == task], kinds, plan)
+            _draw_ends(column[0], [one for one in entries if one.task == task], plan)
             column[0].set_xlabel(label)
         column[0].set_title(task.replace("_", " "), fontsize=10)
     for panel in panels.flat:
         _tidy(panel)
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    legend = dict(zip(labels, handles, strict=True))
+    legend: dict[str, Any] = {}
+    for panel in panels.flat:
+        handles, labels = panel.get_legend_handles_labels()
+        legend |= dict(zip(labels, handles, strict=True))
     if legend:
         num_columns = min(6, 2 * panels.shape[1], len(legend))
         style: dict[str, Any] = {"fontsize": 8, "frameon": False, "ncols": num_columns}
@@ -72,44 +77,59 @@ def _style(kinds: Sequence[Kind], kind: Kind) -> dict[str, Any]:
     return {"color": COLOURS[place % len(COLOURS)], "linestyle": style}
 
 
-def _label(kind: Kind) -> str:
-    return ", ".join(part for part in kind if part)
+def _label(plan: Plan, kind: Kind) -> str:
+    """The choices, with the names of all factors but the first."""
+    first, *others = zip(plan.factors, kind, strict=False)  # of some factors only
+    parts = [first[1], *(f"{factor} {choice}" for factor, choice in others if choice)]
+    return ", ".join(parts).replace("_", " ")
 
 
-def _draw_curves(panel: Any, runs: Sequence[Run], kinds: Sequence[Kind], axis: str) -> None:
+def _draw_curves(
+    panel: Any, runs: Sequence[Run], kinds: Sequence[Kind], axis: str, plan: Plan
+) -> None:
     for kind in kinds:
-        own = [run for run in runs if run.kind == kind]
+        own, label = [run for run in runs if run.kind == kind], _label(plan, kind)
         if not own:
-            panel.plot([], [], **_style(kinds, kind), label=_label(kind))  # for the legend
+            panel.plot([], [], **_style(kinds, kind), label=label)  # for the legend
             continue
         unit = 1_000 if axis == "frames" else 1
         trained = [run for run in own if len(run.rows) > 1]
         if not trained:  # rated without training
             score = trim(np.array([run.rows[-1]["score"] for run in own]))
-            panel.axhline(score, **_style(kinds, kind), linewidth=1.2, label=_label(kind))
+            panel.axhline(score, **_style(kinds, kind), linewidth=1.2, label=label)
             continue
         curves = [([row[axis] / unit for row in run.rows], [row["score"] for row in run.rows])
                   for run in trained]  # fmt: skip
-        alpha = min(0.35, 1.75 / len(curves))
-        for places, scores in curves:
-            panel.plot(places, scores, **_style(kinds, kind), linewidth=0.6, alpha=alpha)
+        for places, scores in curves if len(curves) <= _MOST_LINES else ():
+            panel.plot(places, scores, **_style(kinds, kind), linewidth=0.6, alpha=0.35)
         grid = np.linspace(0, min(places[-1] for places, _ in curves), _PLACES)
         known = np.array([np.interp(grid, *curve) for curve in curves])
-        panel.plot(grid, trim(known, 0), **_style(kinds, kind), linewidth=2, label=_label(kind))
+        if len(curves) > 1:
+            drawn = np.random.default_rng(0).integers(len(curves), size=(_RESAMPLES, len(curves)))
+            low, high = np.percentile(trim(known[drawn], 1), (2.5, 97.5), axis=0)
+            panel.fill_between(
+                grid, low, high, color=_style(kinds, kind)["color"], alpha=0.13, lw=0
+            )
+        panel.plot(grid, trim(known, 0), **_style(kinds, kind), linewidth=2, label=label)
 
 
-def _draw_ends(panel: Any, entries: Sequence[Entry], kinds: Sequence[Kind], plan: Plan) -> None:
-    for place, entry in enumerate(reversed(entries)):
-        one, style = entry.values[SCORE], _style(kinds, entry.kind)
+def _draw_ends(panel: Any, entries: Sequence[Entry], plan: Plan) -> None:
+    colours = dict(zip(next(iter(plan.factors.values())), COLOURS * len(entries), strict=False))
+    known = {
+        name_agent(name): score for name, score in plan.tasks[entries[0].task].published.items()
+    }
+    for place, entry in zip(reversed(range(len(entries))), entries, strict=True):
+        one, colour = entry.values[SCORE], colours.get(entry.kind[0], "0.35")  # grey: not trained
         if np.isfinite(one.low):
-            panel.plot([one.low, one.high], [place, place], color=style["color"], linewidth=2)
-        panel.plot(one.value, place, "o", color=style["color"])
+            panel.plot([one.low, one.high], [place, place], color=colour, linewidth=2)
+        panel.plot(one.value, place, "o", color=colour)
         if START in entry.values:
-            panel.plot(entry.values[START].value, place, "|", color=style["color"], label=START)
-        known = plan.tasks[entry.task].published
-        for score in (known[choice] for choice in entry.kind if choice in known):
-            panel.plot(score, place, "D", color="0.35", markerfacecolor="none", label=plan.source)
-    panel.set_yticks(range(len(entries)), [_label(entry.kind) for entry in reversed(entries)])
+            panel.plot(entry.values[START].value, place, "|", color=colour)
+            panel.plot([], [], "|", color="0.35", label=START)  # for the legend
+        for choice in entry.kind:
+            if (score := known.pop(choice, None)) is not None:  # once: at its first line
+                panel.plot(score, place, "D", color="0.35", mfc="none", label=plan.source)
+    panel.set_yticks(range(len(entries)), [_label(plan, one.kind) for one in reversed(entries)])
 
 
 def draw_panels(title: str, logs: Mapping[str, Sequence[Path]], path: Path) -> None:
@@ -140,7 +160,7 @@ def draw_panels(title: str, logs: Mapping[str, Sequence[Path]], path: Path) -> N
             steps, stacked = [0.0, *steps], [values * 2 for values in stacked]
         colours = [COLOURS[place % len(COLOURS)] for place in range(len(names))]
         line[2].stackplot(steps, stacked, labels=names, colors=colours, alpha=0.85, linewidth=0)
-        line[2].set(ylabel="% of decisions", title="Action frequency", ylim=(0, 100))
+        line[2].set(ylabel="% of steps", title="Action frequency", ylim=(0, 100))
         line[2].legend(fontsize=6, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
         for panel in line:
             _tidy(panel)

@@ -17,7 +17,7 @@ from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import restore_fields
 from marl_cair.games.game import GameSpec, Representation
 from marl_cair.generative import quality
-from marl_cair.generative.generator import Generator
+from marl_cair.generative.generator import CCDNGenerator, Generator
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.dataset import (
     DatasetDescription,
@@ -210,6 +210,14 @@ class _Training:
         numbers |= quality.measure_acceptance(
             self.heldout[half:], rest, self.about, rest.surety >= least
         )
+        if isinstance(self.generator, CCDNGenerator):  # training takes samples, not the likeliest
+            sampled = self.generator.imagine(self.heldout, torch.Generator().manual_seed(0))
+            found = quality.measure_rows(self.heldout, sampled, self.about)
+            numbers |= {
+                f"sampled/{name}": value
+                for name, value in found.items()
+                if name.startswith("cells/")
+            }
         if len(self.chains):
             held, imagine = self.data.heldout, self.imagine
             numbers |= quality.measure_open_loop(held, self.chains, imagine, self.about)

@@ -66,12 +66,15 @@ class Runner(Protocol):
 
 
 class LocalProcesses:
-    """Runs cells in processes of this machine, each of which ends when this process does."""
+    """Runs cells in processes of this machine, each of which ends when this process does. A cell of
+    several threads takes the place of as many others.
+    """
 
     def __init__(self, num_workers: int) -> None:
         self._threads = ThreadPoolExecutor(num_workers)
         self._running: set[subprocess.Popen[str]] = set()
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
+        self._num_workers = self._free = num_workers
         self._is_stopped = False
 
     def find_shortages(self, cells: Sequence[Cell]) -> dict[str, str]:
@@ -83,8 +86,10 @@ class LocalProcesses:
     def _run(self, cell: Cell, folder: Path, note: Note) -> str:
         threads = {"OMP_NUM_THREADS": str(cell.threads), "MPLBACKEND": "Agg"}
         command = [sys.executable, "-m", "marl_cair.experiments.worker", str(folder)]
+        cores = min(cell.threads, self._num_workers)
         with (folder / OUTPUT_FILE).open("w", encoding="utf-8") as errors:
             with self._lock:
+                self._lock.wait_for(lambda: self._is_stopped or self._free >= cores)
                 if self._is_stopped:
                     return ""
                 process = subprocess.Popen(
@@ -98,13 +103,18 @@ class LocalProcesses:
                     creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # Windows
                 )
                 self._running.add(process)
-            with process:  # closes its pipes
-                for line in process.stdout or ():
-                    if line.startswith("{"):  # not what libraries print when they are imported
-                        found = json.loads(line)
-                        note(cell.name, found["share"], found["score"])
-        with self._lock:
-            self._running.discard(process)
+                self._free -= cores
+            try:
+                with process:  # closes its pipes
+                    for line in process.stdout or ():
+                        if line.startswith("{"):  # not what libraries print when imported
+                            found = json.loads(line)
+                            note(cell.name, found["share"], found["score"])
+            finally:
+                with self._lock:
+                    self._running.discard(process)
+                    self._free += cores
+                    self._lock.notify_all()
         code = process.returncode
         if code == 0 or self._is_stopped:
             return ""
@@ -115,6 +125,7 @@ class LocalProcesses:
     def stop(self) -> None:
         with self._lock:
             self._is_stopped = True
+            self._lock.notify_all()
             for process in self._running:
                 if process.stdin and not process.stdin.closed:
                     process.stdin.close()

@@ -196,6 +196,23 @@ def test_a_budget_must_be_able_to_start_all_cells(tmp_path):
     assert not (tmp_path / "a").exists()
 
 
+def test_cells_of_two_threads_follow_one_another_on_two_cores(tmp_path):
+    plan = make_plan(
+        words=[*TINY["words"], "torch_threads=2"],
+        factors={"learner": {"dqn": []}},
+        tasks=change_task(agents=[], scale=[]),
+        budget={"frames": 128},
+        looks={},
+    )
+    assert not run(plan, tmp_path / "out").failed
+    cells = [tmp_path / "out" / "cells" / f"maze-dqn-{seed}" for seed in (0, 1)]
+    spans = sorted(
+        ((cell / "run" / "config.yaml").stat().st_mtime_ns, (cell / DONE_FILE).stat().st_mtime_ns)
+        for cell in cells
+    )
+    assert spans[0][1] <= spans[1][0]
+
+
 def test_unknown_choices_and_trainers_are_refused_before_work(tmp_path):
     with pytest.raises(ValueError, match="unknown task or choice 'dqm': nearest are 'dqn'"):
         run(make_plan(), tmp_path / "a", only=("dqm",))

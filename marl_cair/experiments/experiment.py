@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from marl_cair.experiments.remote import RayTasks
 from marl_cair.experiments.scheduler import LocalProcesses, Runner
 from marl_cair.experiments.summary import Run, find_levels, summarise
 from marl_cair.experiments.tables import LOOKS, write_looks, write_tables
-from marl_cair.files import claim_output_folder, write_json
+from marl_cair.files import RUN_MARKER, claim_output_folder, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents.load import find_distinct, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
@@ -93,6 +93,11 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
 def _run(
     plan: Plan, config: ExperimentConfig, compose: Compose, runner: Runner, workers: int
 ) -> ExperimentResult:
+    settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
+    claim = partial(claim_output_folder, config.out, "experiment", settings, resume=True)
+    if (config.out / RUN_MARKER).is_file():
+        with claim():
+            pass  # files of another version or plan are refused before they are read
     scale = _find_scale(plan, config, workers)
     scaled = scale_plan(plan, scale) if scale < 1.0 else plan
     cells = make_cells(scaled, compose, scale, config.out)
@@ -103,18 +108,18 @@ def _run(
             import_outside(cell.trainer)  # raises now where it is missing
     waiting = [cell for cell in chosen if not scheduler.is_finished(cell, config.out)]
     skipped = runner.find_shortages(waiting)
-    settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
-    with claim_output_folder(config.out, "experiment", settings, resume=True):
+    with claim():
         write_json(config.out / _SCALE_FILE, {"factor": scale})
         todo = [cell for cell in chosen if cell.name not in skipped]
 
-        def write() -> str:
-            return _write(scaled, cells, config, _describe(scaled, scale, config, skipped))
+        def write(panels: bool = False) -> str:
+            notes = _describe(scaled, scale, config, skipped)
+            return _write(scaled, cells, replace(config, panels=panels), notes)
 
         failed = scheduler.run_cells(todo, config.out, runner, write)
         if plan.games_per_pair and not failed:
             _play_leagues(scaled, cells, config)
-        return ExperimentResult(write(), failed, skipped)
+        return ExperimentResult(write(config.panels), failed, skipped)
 
 
 def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:

@@ -32,10 +32,13 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
     tasks = [task for task in plan.tasks if any(run.task == task for run in runs)]
     kinds = list(dict.fromkeys(run.kind for run in runs))
     has_curves = plan.looks.is_given
-    num_rows = 2 if has_curves else 1
-    figure = _make_figure(len(tasks), num_rows)
-    panels = figure.subplots(num_rows, len(tasks), squeeze=False)
-    for column, task in zip(panels.T, tasks, strict=True):
+    shape = (2, len(tasks)) if has_curves else (-(-len(tasks) // 2), min(2, len(tasks)))
+    figure = _make_figure(shape[1], shape[0])
+    panels = figure.subplots(*shape, squeeze=False)
+    columns = panels.T if has_curves else panels.reshape(-1, 1)
+    for column in columns[len(tasks) :]:
+        column[0].set_axis_off()
+    for column, task in zip(columns, tasks, strict=False):
         about, own = plan.tasks[task], [run for run in runs if run.task == task]
         label = textwrap.fill(about.rating.unit or _name_score(plan, task), 40)
         if has_curves:

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -175,13 +176,17 @@ def test_a_plan_is_run_in_a_process_and_shown_again(finished):
     assert run(plan, out).text == result.text
 
 
-def test_the_folder_of_another_plan_version_or_budget_is_refused(finished, monkeypatch):
+def test_the_folder_of_another_plan_version_or_budget_is_refused(finished, tmp_path, monkeypatch):
     out, plan, _ = finished
     with pytest.raises(OutputFolderError, match="plan.budget.frames is .* there, 700 here"):
         run(dataclasses.replace(plan, budget=Length(frames=700)), out)
     assert "Another question" in run(dataclasses.replace(plan, about="Another question"), out).text
     with pytest.raises(OutputFolderError, match="budget is '' there, '20m' here"):
         run(plan, out, budget="20m", budget_seconds=1200.0)
+    # Cells of another version may have settings that are unknown here.
+    out = Path(shutil.copytree(out, tmp_path / "out"))
+    for cell in (out / "cells").glob("*/cell.json"):
+        cell.write_text(cell.read_text("utf-8").replace('"rating"', '"no_such_option"'), "utf-8")
     monkeypatch.setattr("marl_cair.experiments.experiment.__version__", "9.9")
     with pytest.raises(OutputFolderError, match="version is '.*' there, '9.9' here"):
         run(plan, out)

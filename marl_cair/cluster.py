@@ -246,7 +246,7 @@ def _read_versions() -> dict[str, str]:
     """Of the libraries; of our own also a digest of the code: commits share a version."""
     code = hashlib.sha256()
     for path in sorted(Path(__file__).parent.rglob("*.py")):
-        code.update(path.read_bytes())
+        code.update(path.read_text("utf-8").encode())  # without the line endings of a system
     found = {name: version(name) for name in _LIBRARIES}
     return found | {"marl_cair": f"{found['marl_cair']} (code {code.hexdigest()[:8]})"}
 

@@ -224,6 +224,7 @@ def _check_numbers(rating: RatingSettings, config: TrainConfig) -> None:
         engine = BatchedEngine(game, make_scenario(config, rating), 1)
         known = ["return", "ended", *engine.info()]
         check_name("number of the game (rating.number)", rating.number, known)
+    known += ["score", "mean", "updates", "generated_share", "overestimation"]
     for name in rating.show:
         check_name("number of a look (rating.show)", name.partition(" (")[0], known)
 

@@ -25,9 +25,9 @@ Kind = tuple[str, ...]
 
 
 def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path: Path) -> None:
-    """A column for each task. With looks while training: scores over processor seconds and over
+    """With looks while training a column for each task: scores over processor seconds and over
     steps, the interquartile mean with its 95 % bootstrap interval; up to five runs are thin lines.
-    Else scores at the end, with intervals: a colour for each choice of the first factor.
+    Else scores at the end, two tasks in a row: a colour for each choice of the first factor.
     """
     tasks = [task for task in plan.tasks if any(run.task == task for run in runs)]
     kinds = list(dict.fromkeys(run.kind for run in runs))
@@ -117,6 +117,8 @@ def _draw_curves(
 
 
 def _draw_ends(panel: Any, entries: Sequence[Entry], plan: Plan) -> None:
+    if not entries:
+        return
     colours = dict(zip(next(iter(plan.factors.values())), COLOURS * len(entries), strict=False))
     known = {
         name_agent(name): score for name, score in plan.tasks[entries[0].task].published.items()

@@ -171,7 +171,7 @@ def find_levels(plan: Plan, runs: Sequence[Run]) -> list[Reached]:
     return [
         find_level(run, level)
         for run in runs
-        if end_of(run)
+        if run.rows[-1]["frames"]
         for level in plan.tasks[run.task].levels
     ]
 

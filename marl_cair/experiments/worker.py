@@ -82,22 +82,23 @@ def _make_look(looks: Looks, report: Report) -> Callable[[Any, float, int], bool
 def _train(looks: Looks, out: Path, report: Report) -> bool:
     """A training run with looks; False if it was interrupted."""
     cell, log, is_first = looks.cell, out / RunLog.FILE, True
+    learning: dict[str, float] = {}
 
     def watch(run: TrainingRun) -> bool:
-        nonlocal is_first
+        nonlocal is_first, learning
         if is_first:
             looks.drop_after(run.frames)
             is_first = False
         spent = run.frames, run.processor_seconds
         share, last = cell.find_share(*spent), looks.last_frames
         is_final = share >= 1.0 and cell.rating.agent != BEST and run.frames > last
+        updates = run.learner.updates
+        learning = {
+            "updates": updates,
+            "generated_share": run.learner.generated / max(1, updates),
+        }
         if is_final or looks.is_due(*spent):
-            updates = run.learner.updates
-            learning = {
-                "updates": updates,
-                "generated_share": run.learner.generated / max(1, updates),
-                "overestimation": read_overestimation(log, last),
-            }
+            learning["overestimation"] = read_overestimation(log, last)
             looks.add(run.rated, *spent, learning)
         report(share, looks.rows)
         return share < 1.0
@@ -110,7 +111,7 @@ def _train(looks: Looks, out: Path, report: Report) -> bool:
         require_best(config, result.frames)
         agent = _load(str(out / BEST_FOLDER), cell)
         looks.drop_after(result.frames - 1)
-        looks.add(agent, result.frames, result.processor_seconds)
+        looks.add(agent, result.frames, result.processor_seconds, learning)
     return True
 
 

@@ -271,7 +271,8 @@ def make_q_network(
 def _shrink_outputs(head: nn.Module) -> None:
     """Scale the weights of a head by FIRST_VALUES: of layers in a row only the last one's."""
     rows = [layer for layer in head.modules() if isinstance(layer, nn.Sequential)]
-    kept = {id(weight) for row in rows for weight in row[:-1].parameters()}
+    weighty = [[layer for layer in row if [*layer.parameters()]] for row in rows]
+    kept = {id(w) for row in weighty for layer in row[:-1] for w in layer.parameters()}
     for weight in head.parameters():
         if id(weight) not in kept:
             weight.mul_(FIRST_VALUES)

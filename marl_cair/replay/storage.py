@@ -239,7 +239,8 @@ class EpisodeStorage:
 
     def find_others_after(self, index: torch.Tensor, num_steps: torch.Tensor) -> torch.Tensor:
         """The other seats' actions int64 [N, O] in the states `num_steps` int64 [N] steps after
-        slots `index` of transitions that long; UNKNOWN_ACTION where they are not stored yet.
+        slots `index` of transitions that long; UNKNOWN_ACTION after an end, and where they were
+        not recorded.
         """
         slots, steps = index.numpy(), num_steps.numpy()
         for step in range(max(steps, default=0)):

@@ -14,8 +14,8 @@ from numba import njit
 from torch import Tensor
 
 _SURE = np.float32(12.0)  # logits beyond are certain: no exp is taken
-# Less likely edits are not drawn (as in nucleus sampling, Holtzman et al. 2020): on a board of
-# hundreds of cells the errors of such odds would add up to units that come from nowhere.
+# Less likely edits are not drawn: on a board of hundreds of cells the errors of such odds would add
+# up to units that come from nowhere. An event that is even over 50 cells or more is lost by that.
 _LEAST_ODDS = 0.02
 
 
@@ -67,7 +67,7 @@ def _decode(
     num, num_planes, rows, columns = planes.shape
     num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
     values = np.zeros((num_sources, num_planes), np.uint8)
-    chances = np.zeros((num_layers, rows * columns, num_sources))
+    chances = np.zeros((num_layers, 2, rows * columns, num_sources))
     chosen = np.zeros((num_layers, rows * columns), np.int64)
     for image in range(num):
         total = 0.0
@@ -77,7 +77,7 @@ def _decode(
             read_sources(planes[image], row, column, shifts, values)
             for layer in range(num_layers):
                 own = outputs[row, column, layer * num_sources : (layer + 1) * num_sources]
-                best, log_prob = _choose(own, values, layer, layer_of, chances[layer, place])
+                best, log_prob = _choose(own, values, layer, layer_of, chances[layer, :, place])
                 chosen[layer, place] = best
                 total += log_prob
         starts = np.full(num_layers, 0.5)
@@ -130,14 +130,15 @@ def _write_board(
 def _move(chances: Any, shifts: Any, columns: int, drawn: Any, chosen: Any) -> None:
     """Sample the sources int64 [H * W] of the cells of a layer.
 
-    chances: [H * W, K] of each source whose values are not the cell's present ones; the last one is
-    0 there. drawn: [H * W] of 0..1, one number for the unit of each cell. Cells to which it may go
+    chances: [2, H * W, K], as `_choose` gives them. drawn: [H * W] of 0..1, one number for the unit
+    of each cell. Cells to which it may go
     have parts of 0..1 and take the unit if its number is in theirs; its own cell is empty for
     numbers from 0 to the chance of that. So each cell changes as often as the network says, and
     cells that belong together change together.
     """
+    number = _find_numbers(chances[1], shifts, columns, drawn)
+    chances = chances[0]
     num_cells, num_sources = chances.shape
-    number = _find_numbers(chances, shifts, columns, drawn)
     taken = np.zeros(num_cells)
     for place in range(num_cells):
         chosen[place] = 0
@@ -158,23 +159,28 @@ def _move(chances: Any, shifts: Any, columns: int, drawn: Any, chosen: Any) -> N
 def _find_numbers(chances: Any, shifts: Any, columns: int, drawn: Any) -> Any:
     """The numbers [H * W] of the units of all cells. One that may enter another one's cell has that
     one's number: it moves when there is room.
+
+    chances: [H * W, K] of all sources with a unit.
     """
     num_cells, num_sources = chances.shape
     room = np.full(num_cells, -1)  # the cell whose unit must leave first
+    most = np.full(num_cells, _LEAST_ODDS)
     for place in range(num_cells):
-        if chances[place, num_sources - 1] > 0.0:
-            source = chances[place, : num_sources - 1].argmax()
-            if chances[place, source] > 0.0:
-                unit = place - shifts[source - 1, 0] * columns - shifts[source - 1, 1]
-                room[unit] = place
+        if chances[place, 0] > 0.0:  # there is a unit
+            for source in range(1, num_sources - 1):
+                if chances[place, source] > 0.0:
+                    unit = place - shifts[source - 1, 0] * columns - shifts[source - 1, 1]
+                    if chances[place, source] > most[unit]:
+                        room[unit], most[unit] = place, chances[place, source]
     number = np.zeros(num_cells)
     for place in range(num_cells):
-        front = place
-        for _ in range(num_cells):  # a ring has no front
-            if room[front] < 0:
-                break
-            front = room[front]
-        number[place] = drawn[front]
+        front, steps = place, 0
+        while room[front] >= 0 and steps < num_cells:
+            front, steps = room[front], steps + 1
+        first, following = front, room[front]
+        while steps == num_cells and following != front:  # a ring has no front: its first cell
+            first, following = min(first, following), room[following]
+        number[place] = drawn[first]
     return number
 
 
@@ -210,9 +216,11 @@ def read_sources(planes: Any, row: int, column: int, shifts: Any, values: Any) -
 def _choose(
     outputs: Any, values: Any, layer: int, layer_of: Any, chances: Any
 ) -> tuple[int, float]:
-    """The likeliest source of a layer at a cell, and the log probability of its values; writes the
-    chances [K] of sources whose values are not the present ones. Neighbours without a unit count
-    with the last source.
+    """The likeliest source of a layer at a cell, and the log probability of its values.
+
+    Writes chances [2, K]: of sources whose values are not the present ones, where neighbours
+    without a unit count with the last source, which is 0 in a cell without one; and of all sources
+    with a unit.
     """
     num_sources = outputs.shape[0]
     last = num_sources - 1
@@ -230,9 +238,11 @@ def _choose(
         whole += weight
         if not _differs(values, source, best, layer, layer_of):
             same += weight
+        is_full = _differs(values, source, last, layer, layer_of)
         if _differs(values, source, 0, layer, layer_of):
-            is_full = _differs(values, source, last, layer, layer_of)
-            chances[source if is_full else last] += weight
+            chances[0, source if is_full else last] += weight
+        if is_full:
+            chances[1, source] = weight
     chances /= whole
     return best, np.log(same / whole)
 

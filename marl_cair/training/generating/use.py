@@ -149,7 +149,7 @@ def _evaluate(run: TrainingRun, generator: Generator) -> None:
     report = generator.evaluate()
     _require_finite("metric", report.metrics)
     run.gate_is_open = report.passed
-    if not report.passed:
+    if not (report.passed or run.is_offline):
         run.replay.generated.clear()  # else they are used again, older still, when it opens again
     values = {f"gate/{name}": value for name, value in report.metrics.items()}
     run.means.add({"gate/passed": float(report.passed), **values})

@@ -72,38 +72,54 @@ def test_of_cells_with_even_odds_exactly_one_changes_in_all_planes_of_its_layer(
     assert where.max() < 0.17
 
 
-def sample_walkers(chance, cells, kinds=(1,)):
-    """Boards of 400 samples in which the units in row 2 at `cells`, of plane 0, go to the right
-    with the same chance; `kinds`: their values.
+def sample_walkers(chance, kinds, direction, edge=0.0):
+    """Boards [400, 5, 6] of samples in which units in a row go one cell in the direction of SHIFTS
+    with the same chance; also the board if they stay, and if they go.
+
+    kinds: their values, the first one's in front. edge: the odds of all other moves.
     """
-    num = 400
-    planes = torch.zeros(num, 4, 5, 6, dtype=torch.uint8)
-    planes[:, 0, 2, cells] = torch.tensor(kinds, dtype=torch.uint8)
+    num, (down, right) = 400, SHIFTS[direction]
+    places = [(2 - down * back, 3 - right * back) for back in range(len(kinds))]
+    stay, go = torch.zeros(2, 5, 6, dtype=torch.uint8)
     logits = torch.full((num, len(LAYERS) * NUM_SOURCES + 4, 5, 6), -30.0)
     sources = logits[:, : len(LAYERS) * NUM_SOURCES].view(num, len(LAYERS), NUM_SOURCES, 5, 6)
+    sources[:, :, 1:-1] = torch.tensor(edge).logit().clamp_min(-30.0)
     sources[:, :, 0] = 0.0
     moves = torch.tensor(chance).logit()
-    for cell in cells:
-        sources[:, 1, 1, 2, cell + 1] = moves  # its right neighbour takes it over
-    sources[:, 1, NUM_SOURCES - 1, 2, cells[0]] = moves  # the last cell of the row becomes empty
+    for (row, column), kind in zip(places, kinds, strict=True):
+        stay[row, column] = go[row + down, column + right] = kind
+        sources[:, 1, 1 + direction, row + down, column + right] = moves  # it is taken over
+    sources[:, 1, NUM_SOURCES - 1, *places[-1]] = moves  # the last cell of the row becomes empty
+    planes = torch.zeros(num, 4, 5, 6, dtype=torch.uint8)
+    planes[:, 0] = stay
     zeros = torch.zeros(num, logits.shape[1])
     base, _, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, draw(num))
-    return base[:, 0, 2]
+    return base[:, 0], stay, go
 
 
-@pytest.mark.parametrize("chance", [0.9, 0.7, 0.3])
-def test_a_unit_that_may_move_is_neither_lost_nor_doubled(chance):
-    found = sample_walkers(chance, [1])
-    assert torch.equal(found.sum(1), torch.ones(400, dtype=torch.int64))
-    assert float((found[:, 2] == 1).float().mean()) == pytest.approx(chance, abs=0.08)
+@pytest.mark.parametrize("edge", [0.0, 1e-9])
+@pytest.mark.parametrize("direction", range(4))
+@pytest.mark.parametrize("kinds", [(1,), (1, 2), (1, 1), (1, 2, 3), (2, 2, 2)], ids=str)
+@pytest.mark.parametrize("chance", [0.9, 0.6])
+def test_units_that_may_move_are_neither_lost_nor_doubled(chance, kinds, direction, edge):
+    found, stay, go = sample_walkers(chance, kinds, direction, edge)
+    moved = (found == go).flatten(1).all(1)
+    assert ((found == stay).flatten(1).all(1) | moved).all()
+    assert float(moved.float().mean()) == pytest.approx(chance, abs=0.09)
 
 
-def test_units_in_a_row_move_together_or_stay():
-    found = sample_walkers(0.6, [1, 2, 3], (1, 2, 3))
-    stay, go = torch.tensor([0, 1, 2, 3, 0, 0]), torch.tensor([0, 0, 1, 2, 3, 0])
-    moved = (found == go).all(1)
-    assert ((found == stay).all(1) | moved).all()
-    assert float(moved.float().mean()) == pytest.approx(0.6, abs=0.08)
+def test_two_units_that_may_change_places_do_so_together():
+    """A ring, which no unit can begin."""
+    num = 200
+    planes = torch.zeros(num, 4, 5, 6, dtype=torch.uint8)
+    planes[:, 0, 2, 2], planes[:, 0, 2, 3] = 1, 2
+    logits = torch.full((num, len(LAYERS) * NUM_SOURCES + 4, 5, 6), -30.0)
+    sources = logits[:, : len(LAYERS) * NUM_SOURCES].view(num, len(LAYERS), NUM_SOURCES, 5, 6)
+    sources[:, :, 0] = sources[:, 1, 1, 2, 3] = sources[:, 1, 2, 2, 2] = 0.0
+    zeros = torch.zeros(num, logits.shape[1])
+    base, _, _ = decode_board(logits, zeros, planes, LAYER_OF, SHIFTS, draw(num))
+    pairs = base[:, 0, 2, 2:4]
+    assert set(map(tuple, pairs.tolist())) == {(1, 2), (2, 1)}
 
 
 def test_tiny_odds_of_many_cells_make_no_unit():

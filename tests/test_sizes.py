@@ -11,7 +11,7 @@ MAX_LINES = {
     "games": 21_695,
     "policies": 2_450,
     "replay": 2_470,
-    "generative": 3_380,
+    "generative": 3_390,
     "self_play": 1_035,
     "league": 8_010,
     "training": 7_760,

@@ -10,13 +10,16 @@ import tomllib
 
 import numpy as np
 import pytest
+import torch
 
 from marl_cair.cli.compose import compose_config
 from marl_cair.outside import CodeNotAllowedError
+from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.self_play import samplers
 from marl_cair.training.settings.config_file import build_config, load_config
 from marl_cair.training.trainer import train
 from tests.processes import ROOT, read_output
+from tests.replay.streams import SMALL, make_rollout
 
 MARL_CAIR = ("-m", "marl_cair")
 FOLDER = ROOT / "docs" / "extending"
@@ -30,7 +33,7 @@ def examples_found(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(FOLDER))
     monkeypatch.chdir(tmp_path)
     yield
-    for name in ("sampler", "generator", "loss", "exploration"):
+    for name in ("sampler", "generator", "loss", "exploration", "replay_sampler"):
         sys.modules.pop(name, None)
 
 
@@ -104,6 +107,37 @@ def test_the_exploration_trains_and_its_run_resumes_where_it_is_allowed(tmp_path
     result = train_with(tmp_path / "run", exploration={"kind": kind, "anneal_frames": 2048})
     assert result.updates > 0
     assert_resumes_where_allowed(tmp_path / "run", "exploration:Boltzmann", result.updates)
+
+
+@pytest.mark.slow
+def test_the_replay_sampler_trains_and_its_run_resumes_where_it_is_allowed(tmp_path):
+    text = (FOLDER / "replay_sampler.py").read_text("utf-8")
+    words = re.findall(r"marl-cair (train .*)$", text, re.MULTILINE)[0].split()
+    name = compose_config(words[1:]).replay.sampler
+    replay = {"capacity_transitions": 4000, "min_transitions": 128, "sampler": name}
+    result = train_with(tmp_path / "run", replay=replay)
+    assert result.updates > 0
+    assert_resumes_where_allowed(tmp_path / "run", name, result.updates)
+
+
+def test_the_replay_sampler_prefers_newer_transitions():
+    from replay_sampler import NewerFirst
+
+    settings = ReplayConfig(capacity_transitions=200, make_sampler=lambda *_: NewerFirst(0))
+    buffer = make_replay_buffer(settings, SMALL)
+    rollout = make_rollout(np.random.default_rng(0), 100, 1, end_rate=0.0, learned_rate=1.1)
+    slots = buffer.extend_rollout(rollout)
+    chosen = buffer.sample(2_000)["index"]
+    newer = torch.isin(chosen, slots[50:]).float().mean()
+    assert float(newer) == pytest.approx(0.75, abs=0.04)
+
+
+@pytest.mark.parametrize("name", ["newest", "replay_sampler:torch"])
+def test_replay_samplers_that_are_none_are_refused(tmp_path, name):
+    replay = {"capacity_transitions": 4000, "min_transitions": 128, "sampler": name}
+    with pytest.raises(ValueError, match=name):
+        train_with(tmp_path / "run", replay=replay)
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow

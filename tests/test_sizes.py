@@ -10,11 +10,11 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_695,
     "policies": 2_450,
-    "replay": 2_470,
+    "replay": 2_475,
     "generative": 3_390,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_760,
+    "training": 7_780,
     "experiments": 1_790,
     "viewer": 725,
     "window": 2_680,

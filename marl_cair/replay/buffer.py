@@ -1,7 +1,7 @@
 """Replay buffer of real transitions: a storage of episodes and a sampler."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +35,7 @@ class ReplayConfig:
     seed: int = 0  # of the sampler
     sequence_steps: int = 1  # learned steps of a sequence; 1: transitions
     burn_in_steps: int = 0  # of a sequence, before the learned steps
+    make_sampler: Callable[[int, int], Sampler] | None = None  # of seed and capacity; None: ours
 
 
 def make_replay_buffer(config: ReplayConfig, spec: TransitionSpec) -> "EpisodeReplayBuffer":
@@ -49,7 +50,7 @@ def make_replay_buffer(config: ReplayConfig, spec: TransitionSpec) -> "EpisodeRe
             f"batch_size is {config.batch_size}, expected a multiple of sequence_steps, which is "
             f"{config.sequence_steps} and must be 1 or more"
         )
-    capacity, alpha = config.capacity_transitions, config.priority_alpha
+    capacity, alpha, make = config.capacity_transitions, config.priority_alpha, config.make_sampler
     storage = EpisodeStorage(
         spec,
         capacity,
@@ -60,7 +61,9 @@ def make_replay_buffer(config: ReplayConfig, spec: TransitionSpec) -> "EpisodeRe
         burn_in_steps=config.burn_in_steps,
     )
     sampler: Sampler = UniformSampler(config.seed)
-    if alpha:
+    if make is not None:
+        sampler = make(config.seed, capacity)
+    elif alpha:
         sampler = PrioritizedSampler(config.seed, capacity, alpha, config.priority_beta)
     return EpisodeReplayBuffer(storage, sampler, config.batch_size)
 

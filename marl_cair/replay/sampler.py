@@ -24,10 +24,13 @@ _LEAST_ERROR = 1e-3  # added to each TD error: every start can be sampled
 
 
 class Sampler(ABC):
-    """Chooses which stored transitions or sequences are learned from, by its seeded generator."""
+    """Chooses which stored transitions or sequences are learned from, by its seeded generator.
 
-    def __init__(self, seed: int) -> None:
-        self.generator = torch.Generator().manual_seed(seed)
+    capacity: entries of the storage, where a sampler must know it.
+    """
+
+    def __init__(self, seed: int, capacity: int = 0) -> None:
+        self.generator, self.capacity = torch.Generator().manual_seed(seed), capacity
 
     @abstractmethod
     def sample(
@@ -82,9 +85,8 @@ class PrioritizedSampler(Sampler):
         for name, value in (("alpha", alpha), ("beta", beta)):
             if not 0.0 <= value <= 1.0:
                 raise ValueError(f"{name} is {value}, expected 0..1")
-        super().__init__(seed)
+        super().__init__(seed, capacity)
         self.alpha, self.first_beta, self.beta = alpha, beta, beta
-        self._capacity = capacity
         self._num_leaves = 1 << max(0, capacity - 1).bit_length()
         # Node k is the sum of nodes 2 k and 2 k + 1, the last half are the slots.
         self._sums = np.zeros(2 * self._num_leaves, np.float64)
@@ -94,7 +96,7 @@ class PrioritizedSampler(Sampler):
     @property
     def priorities(self) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Priorities of all slots, float64 [capacity], a view."""
-        return self._sums[self._num_leaves : self._num_leaves + self._capacity]
+        return self._sums[self._num_leaves : self._num_leaves + self.capacity]
 
     def anneal(self, done: float) -> None:
         """Raise beta linearly to 1 over the share `done` of the run, 0..1."""
@@ -128,8 +130,8 @@ class PrioritizedSampler(Sampler):
 
     def _add_new_entries(self, storage: EpisodeStorage) -> None:
         """Give entries written since the last batch their first priority."""
-        first = max(self._num_known, storage.num_written - self._capacity)
-        slots = np.arange(first, storage.num_written) % self._capacity
+        first = max(self._num_known, storage.num_written - self.capacity)
+        slots = np.arange(first, storage.num_written) % self.capacity
         is_start = storage.is_start(torch.from_numpy(slots)).numpy()
         set_priorities(self._sums, slots, np.where(is_start, self._highest, 0.0))
         self._num_known = storage.num_written
@@ -145,12 +147,12 @@ class PrioritizedSampler(Sampler):
     def load(self, path: Path) -> None:
         """Read a folder that `save` wrote. Raises ValueError for another capacity."""
         arrays, facts = load_arrays(path / "priorities")
-        like = np.dtype(np.float64), (self._capacity,)
+        like = np.dtype(np.float64), (self.capacity,)
         priorities = read_array(arrays, "priorities", like, _PRIORITY)
         read = {name: read_number(facts, name, allowed) for name, allowed in _FACTS.items()}
         super().load(path / "uniform")
         self._sums[:] = 0.0
-        set_priorities(self._sums, np.arange(self._capacity), np.asarray(priorities))
+        set_priorities(self._sums, np.arange(self.capacity), np.asarray(priorities))
         self._highest, self._num_known = float(read["highest"]), read["num_known"]
         self.beta = float(read["beta"])
 
@@ -158,8 +160,8 @@ class PrioritizedSampler(Sampler):
         """Raise ValueError unless exactly the known starts have priorities above 0: sampling could
         loop forever.
         """
-        known = np.arange(max(0, storage.num_written - self._capacity), self._num_known)
-        slots = known % self._capacity
+        known = np.arange(max(0, storage.num_written - self.capacity), self._num_known)
+        slots = known % self.capacity
         is_start = storage.is_start(torch.from_numpy(slots)).numpy()
         has_priority = self._sums[self._num_leaves + slots] > 0.0
         if self._num_known > storage.num_written or (has_priority != is_start).any():

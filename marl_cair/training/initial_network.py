@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -23,6 +24,7 @@ from marl_cair.training.generating.generators import count_others
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
 from marl_cair.training.settings.learner import DQN
+from marl_cair.training.settings.replay import REPLAY_SAMPLERS, TD_ERROR
 
 # A learner with a trained network unlearns within minutes at the usual settings: with large steps
 # of a new optimiser, on the first few games alone.
@@ -69,6 +71,7 @@ def describe_rows(
 def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int]) -> MixedReplay:
     """The empty replay of a run. seeds: of the real and of the generated rows."""
     replay, learner = config.replay, config.learner
+    own = replay.sampler == TD_ERROR
     settings = ReplayConfig(
         capacity_transitions=replay.capacity_transitions,
         batch_size=learner.batch_size,
@@ -80,6 +83,7 @@ def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int])
         seed=seeds[0],
         sequence_steps=replay.sequence_steps if spec.state_size else 1,
         burn_in_steps=replay.burn_in_steps if spec.state_size else 0,
+        make_sampler=None if own else partial(REPLAY_SAMPLERS.make, replay.sampler),
     )
     shares = config.synthetic_fraction, config.generator.loss_weight
     ring = replay.generated_capacity_transitions, seeds[1]

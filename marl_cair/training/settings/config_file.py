@@ -95,7 +95,7 @@ def list_sources(config: TrainConfig) -> list[str]:
     """
     agents = [*config.opponent.agents.values(), *config.demonstration.agents.values()]
     names = [*config.opponent.mixture, *config.opponent.warmup_mixture, config.generator.name]
-    names += [config.learner.algorithm, config.exploration.kind]
+    names += [config.learner.algorithm, config.exploration.kind, config.replay.sampler]
     return [*agents, *config.policy.list_code(), *filter(is_place, names)]
 
 

@@ -131,10 +131,9 @@ def _move(chances: Any, shifts: Any, columns: int, drawn: Any, chosen: Any) -> N
     """Sample the sources int64 [H * W] of the cells of a layer.
 
     chances: [2, H * W, K], as `_choose` gives them. drawn: [H * W] of 0..1, one number for the unit
-    of each cell. Cells to which it may go
-    have parts of 0..1 and take the unit if its number is in theirs; its own cell is empty for
-    numbers from 0 to the chance of that. So each cell changes as often as the network says, and
-    cells that belong together change together.
+    of each cell. Cells to which it may go have parts of 0..1 and take the unit if its number is in
+    theirs; its own cell is empty for numbers from 0 to the chance of that. So each cell changes as
+    often as the network says, and cells that belong together change together.
     """
     number = _find_numbers(chances[1], shifts, columns, drawn)
     chances = chances[0]

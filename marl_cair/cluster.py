@@ -248,7 +248,7 @@ def _read_versions() -> dict[str, str]:
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         code.update(path.read_text("utf-8").encode())  # without the line endings of a system
     found = {name: version(name) for name in _LIBRARIES}
-    return found | {"marl_cair": f"{found['marl_cair']} (code {code.hexdigest()[:8]})"}
+    return found | {"code of marl_cair": code.hexdigest()[:8]}
 
 
 def _run(context: _Context, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:

@@ -100,6 +100,8 @@ def test_machines_with_other_versions_or_folders_are_named(pool, tmp_path, monke
     versions = {**pool._context.versions, "marl_cair": "9.9", "torch": "1.0"}
     name = r"the machine \S+ of the cluster"
     require(rf"{name} has marl_cair \S+ and not 9.9, torch \S+ and not 1.0: ", versions=versions)
+    other_code = {**pool._context.versions, "code of marl_cair": "0"}
+    require(rf"{name} has code of marl_cair \w+ and not 0: ", versions=other_code)
     require(rf"{name} does not see /no/folder: start the command in", folder="/no/folder")
     pool.require_shared(tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -120,7 +120,9 @@ def test_a_training_run_comes_near_the_equilibrium(tmp_path, monkeypatch):
             {"latest": 1.0}, snapshot_every_frames=NEVER, snapshot_margin=None
         ),
         collector=settings_of.CollectorSettings(num_worlds=512, steps_per_batch=4),
-        exploration=settings_of.ExplorationSettings(0.05, 0.02, frames),
+        exploration=settings_of.ExplorationSettings(
+            epsilon_start=0.05, epsilon_end=0.02, anneal_frames=frames
+        ),
         replay=settings_of.ReplaySettings(60_000, 1, min_transitions=2_000),
         # One step, as the average policy plays most games, and the mean of what is paid, not
         # near the median, as of smooth_l1: with either the answers are no best ones.

@@ -213,7 +213,9 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
 
 
 def _check_numbers(rating: RatingSettings, config: TrainConfig) -> None:
-    """Raise ValueError for a number that looks do not have. Flash games start a browser to tell."""
+    """Raise ValueError for a number that looks do not have. Numbers of Flash games are not checked:
+    that would start a browser.
+    """
     game, known = GAMES[config.game.name], [f"against {bot}" for bot in rating.bots]
     if rating.bots:
         only_alone = "left out: against bots the score is the lowest share of the points"

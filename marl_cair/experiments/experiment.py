@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -113,14 +113,15 @@ def _run(
         write_json(config.out / _SCALE_FILE, {"factor": scale})
         todo = [cell for cell in chosen if cell.name not in skipped]
 
-        def write(panels: bool = False) -> str:
-            notes = _describe(scaled, scale, config, skipped)
-            return _write(scaled, cells, replace(config, panels=panels), notes)
+        def write() -> str:
+            return _write(scaled, cells, config.out, _describe(scaled, scale, config, skipped))
 
         failed = scheduler.run_cells(todo, config.out, runner, write)
         if plan.games_per_pair and not failed:
             _play_leagues(scaled, cells, config)
-        return ExperimentResult(write(config.panels), failed, skipped)
+        if config.panels:
+            _draw_panels(scaled, cells, config.out)
+        return ExperimentResult(write(), failed, skipped)
 
 
 def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:
@@ -194,9 +195,9 @@ def read_runs(cells: Sequence[Cell], out: Path) -> list[Run]:
     ]
 
 
-def _write(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig, notes: str) -> str:
-    """Tables and figures of all finished cells; returns the tables."""
-    out, runs = config.out, read_runs(cells, config.out)
+def _write(plan: Plan, cells: Sequence[Cell], out: Path, notes: str) -> str:
+    """Tables and the figure of all finished cells; returns the tables."""
+    runs = read_runs(cells, out)
     if not runs:
         return f"No cell is finished. {notes}\n"
     if len(runs) < len(cells):
@@ -205,13 +206,17 @@ def _write(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig, notes: s
     write_looks(plan, runs, out / LOOKS)
     text = write_tables(plan, entries, find_levels(plan, runs), notes, out)
     draw_results(plan, runs, entries, out / FIGURE)
-    for task in plan.tasks if config.panels else ():
+    return text
+
+
+def _draw_panels(plan: Plan, cells: Sequence[Cell], out: Path) -> None:
+    """The thesis's panels of each task."""
+    for task in plan.tasks:
         logs: dict[str, list[Path]] = {}
         for cell in (cell for cell in cells if cell.task == task and cell.agent is None):
             name = ", ".join(cell.choices.values())
             logs.setdefault(name, []).append(out / CELLS / cell.name / RUN / RunLog.FILE)
         draw_panels(task.replace("_", " "), logs, out / f"panels_{task}.png")
-    return text
 
 
 def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -> None:

@@ -68,7 +68,8 @@ def _decode(
     num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
     values = np.zeros((num_sources, num_planes), np.uint8)
     chances = np.zeros((num_layers, 2, rows * columns, num_sources))
-    chosen = np.zeros((num_layers, rows * columns), np.int64)
+    likeliest = np.zeros((num_layers, rows * columns), np.int64)
+    sampled = np.zeros((num_layers, rows * columns), np.int64)
     for image in range(num):
         total = 0.0
         outputs = logits[image] + of_boards[image]
@@ -77,50 +78,46 @@ def _decode(
             read_sources(planes[image], row, column, shifts, values)
             for layer in range(num_layers):
                 own = outputs[row, column, layer * num_sources : (layer + 1) * num_sources]
-                best, log_prob = _choose(own, values, layer, layer_of, chances[layer, :, place])
-                chosen[layer, place] = best
+                best, log_prob = _choose(own, values, layer, layer_of, chances, place)
+                likeliest[layer, place] = best
                 total += log_prob
+            for plane in range(num_planes):
+                base[image, plane, row, column] = values[likeliest[layer_of[plane], place], plane]
         starts = np.full(num_layers, 0.5)
         if drawn.shape[1]:
             starts[:] = drawn[image, :, 0]
             for layer in range(num_layers):
-                _move(chances[layer], shifts, columns, drawn[image, layer, 1:], chosen[layer])
+                _move(chances[layer], shifts, columns, drawn[image, layer, 1:], sampled[layer])
+            for place in range(rows * columns):
+                if (sampled[:, place] != likeliest[:, place]).any():
+                    row, column = place // columns, place % columns
+                    read_sources(planes[image], row, column, shifts, values)
+                    for plane in range(num_planes):
+                        source = sampled[layer_of[plane], place]
+                        base[image, plane, row, column] = values[source, plane]
         edits = outputs[:, :, num_layers * num_sources :]
-        board = planes[image], base[image], edited[image]
-        surety[image] = total + _write_board(edits, *board, layer_of, shifts, chosen, starts)
+        surety[image] = total + _mark_edits(edits, edited[image], layer_of, starts)
 
 
 @njit(cache=True, nogil=True)
-def _write_board(
-    logits: Any,
-    planes: Any,
-    base: Any,
-    edited: Any,
-    layer_of: Any,
-    shifts: Any,
-    chosen: Any,
-    starts: Any,
-) -> float:
-    """Write the values of the chosen sources, and which are edited: the likeliest where all
-    `starts` [L] are 1/2, else sampled from there on. Returns the log probability of the likeliest.
+def _mark_edits(logits: Any, edited: Any, layer_of: Any, starts: Any) -> float:
+    """Mark which values are edited, bool [P, H, W]: the likeliest where all `starts` [L] are 1/2,
+    else sampled from there on. Returns the log probability of the likeliest.
     """
-    num_planes, rows, columns = planes.shape
-    values = np.zeros((shifts.shape[0] + 2, num_planes), np.uint8)
+    num_planes, rows, columns = edited.shape
     is_sampled = (starts != 0.5).any()
-    odds, total = np.zeros(num_planes), 0.0
+    odds, largest, total = np.zeros(num_planes), np.zeros(len(starts)), 0.0
     for place in range(rows * columns):
         row, column = place // columns, place % columns
-        read_sources(planes, row, column, shifts, values)
         total += _find_odds(logits[row, column], odds)
-        if is_sampled:
-            odds[odds < _LEAST_ODDS] = 0.0
-        largest = np.zeros(len(starts))
-        for plane in range(len(odds)):
-            layer = layer_of[plane]
-            base[plane, row, column] = values[chosen[layer, place], plane]
-            reached = np.floor(starts[layer] + odds[plane])
+        largest[:] = 0.0
+        for plane in range(num_planes):
+            layer, chance = layer_of[plane], odds[plane]
+            if is_sampled and chance < _LEAST_ODDS:
+                chance = 0.0
+            reached = np.floor(starts[layer] + chance)
             edited[plane, row, column] = reached > np.floor(starts[layer])
-            largest[layer] = max(largest[layer], odds[plane])
+            largest[layer] = max(largest[layer], chance)
         if is_sampled:
             starts += largest
     return total
@@ -213,24 +210,25 @@ def read_sources(planes: Any, row: int, column: int, shifts: Any, values: Any) -
 
 @njit(cache=True, nogil=True)
 def _choose(
-    outputs: Any, values: Any, layer: int, layer_of: Any, chances: Any
+    outputs: Any, values: Any, layer: int, layer_of: Any, chances: Any, place: int
 ) -> tuple[int, float]:
     """The likeliest source of a layer at a cell, and the log probability of its values.
 
-    Writes chances [2, K]: of sources whose values are not the present ones, where neighbours
-    without a unit count with the last source, which is 0 in a cell without one; and of all sources
-    with a unit.
+    Writes the chances [L, 2, H * W, K] of the cell `place`: of sources whose values are not the
+    present ones, where neighbours without a unit count with the last source, which is 0 in a cell
+    without one; and of all sources with a unit.
     """
     num_sources = outputs.shape[0]
     last = num_sources - 1
-    chances[:] = 0.0
-    best, num_full = 0, 0
+    best, is_empty = 0, True
     for source in range(num_sources):
-        num_full += _differs(values, source, last, layer, layer_of)
+        chances[layer, 0, place, source] = chances[layer, 1, place, source] = 0.0
+        is_empty = is_empty and not _differs(values, source, last, layer, layer_of)
+    if is_empty:
+        return 0, 0.0
+    for source in range(1, num_sources):
         if outputs[source] > outputs[best]:
             best = source
-    if not num_full:
-        return 0, 0.0
     whole = same = 0.0
     for source in range(num_sources):
         weight = np.exp(outputs[source] - outputs[best])
@@ -239,10 +237,12 @@ def _choose(
             same += weight
         is_full = _differs(values, source, last, layer, layer_of)
         if _differs(values, source, 0, layer, layer_of):
-            chances[0, source if is_full else last] += weight
+            chances[layer, 0, place, source if is_full else last] += weight
         if is_full:
-            chances[1, source] = weight
-    chances /= whole
+            chances[layer, 1, place, source] = weight
+    for source in range(num_sources):
+        chances[layer, 0, place, source] /= whole
+        chances[layer, 1, place, source] /= whole
     return best, np.log(same / whole)
 
 

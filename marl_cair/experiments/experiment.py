@@ -20,7 +20,6 @@ from marl_cair.experiments.cells import (
     list_drafts,
     make_cells,
     make_scenario,
-    name_agent,
 )
 from marl_cair.experiments.figures import draw_panels, draw_results
 from marl_cair.experiments.looks import LOOKS_FILE, read_looks
@@ -145,21 +144,17 @@ def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:
 
 
 def _choose(plan: Plan, only: Sequence[str]) -> list[Draft]:
-    """Cells with one of `only` as task, and as choice of each factor, wherever one is named; if
-    no agent that is rated without training is named, all of the tasks' are: scales need them.
-    """
+    """Cells with one of `only` as task, and as choice of each factor, wherever one is named."""
     drafts = list(list_drafts(plan))
     columns = [set(column) for column in zip(*(one.key for one in drafts), strict=True)]
     for name in only:
         check_name("task or choice", name, sorted(set.union(*columns) - {""}))
     asked = [column & set(only) for column in columns]
-    all_agents = not any(name_agent(one.agent) in only for one in drafts if one.agent)
-    chosen = []
-    for one in drafts:
-        fits = [not own or name in ("", *own) for name, own in zip(one.key, asked, strict=True)]
-        if fits[0] and ((one.agent and all_agents) or all(fits)):
-            chosen.append(one)
-    return chosen
+    return [
+        one
+        for one in drafts
+        if all(not some or name in ("", *some) for name, some in zip(one.key, asked, strict=True))
+    ]
 
 
 def _describe(plan: Plan, scale: float, config: ExperimentConfig, skipped: dict[str, str]) -> str:

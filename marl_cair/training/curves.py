@@ -138,7 +138,7 @@ def _draw_actions(panel: Any, logs: Mapping[str, Rows]) -> None:
     shares = [[row.get(name, 0.0) for row in rows] for name in names]
     kinds = [name.partition("/")[2].replace("_", " ") for name in names]
     panel.stackplot(frames, shares, labels=kinds, colors=COLOURS, alpha=0.85, linewidth=0)
-    panel.set(title=f"Actions of {label}", ylabel="share of decisions", ylim=(0, 1))
+    panel.set(title=f"Actions of {label}", ylabel="share of steps", ylim=(0, 1))
     # Beside the panel: many entries would hide the plot.
     _add_legend(panel, loc="center left", bbox_to_anchor=(1.02, 0.5))
 

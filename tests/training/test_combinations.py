@@ -17,8 +17,8 @@ from marl_cair.training.settings.exploration import EXPLORATIONS, ExplorationSet
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 from tests.training.runs import small
 
-NUM_ROWS, NUM_UPDATES, NUM_AVERAGED = 32, 25, 3
-NUM_UPDATES_OF_NAF, RATE, RATE_OF_NAF = 200, 5e-3, 3e-3  # its hill is flat at first
+NUM_ROWS, NUM_UPDATES, RATE = 32, 25, 5e-3
+NUM_SLOW_UPDATES, RATE_OF_NAF = 200, 3e-3  # NAF's hill is flat at first; noisy errors vary
 # For `naf`, as the test game's actions point at no cells: the best action is far from the worst.
 CELLS, KINDS = (NO_CELL, 27, 0, 63), (1, 1, 0, 2)
 CHOICES = NETWORKS, (NO_MEMORY, *MEMORIES), HEADS, LOSSES, EXPLORATIONS
@@ -131,10 +131,12 @@ def test_the_td_error_falls(tmp_path, combination):
     run = TrainingRun(make(tmp_path / "run", *combination))
     try:
         batch = collect(run)
-        num_updates = NUM_UPDATES_OF_NAF if NAF in combination else NUM_UPDATES
+        is_slow = NAF in combination or "noisy" in combination
+        num_updates = NUM_SLOW_UPDATES if is_slow else NUM_UPDATES
+        num_averaged = num_updates // 8
         updates = [run.learner.update(batch.clone()) for _ in range(num_updates)]
         errors = [float(one["td_error/real"]) for one in updates]
-        first, last = (sum(part) for part in (errors[:NUM_AVERAGED], errors[-NUM_AVERAGED:]))
+        first, last = (sum(part) for part in (errors[:num_averaged], errors[-num_averaged:]))
         assert last < 0.8 * first, errors
     finally:
         run.close()

@@ -21,7 +21,7 @@ from marl_cair.experiments.cells import (
     make_cells,
     make_scenario,
 )
-from marl_cair.experiments.figures import draw_panels, draw_results
+from marl_cair.experiments.figures import draw_panels, draw_results, name_task
 from marl_cair.experiments.looks import LOOKS_FILE, read_looks
 from marl_cair.experiments.plan import Plan, scale_plan
 from marl_cair.experiments.remote import RayTasks
@@ -211,7 +211,7 @@ def _draw_panels(plan: Plan, cells: Sequence[Cell], out: Path) -> None:
         for cell in (cell for cell in cells if cell.task == task and cell.agent is None):
             name = ", ".join(cell.choices.values())
             logs.setdefault(name, []).append(out / CELLS / cell.name / RUN / RunLog.FILE)
-        draw_panels(task.replace("_", " "), logs, out / f"panels_{task}.png")
+        draw_panels(name_task(task), logs, out / f"panels_{task}.png")
 
 
 def _play_leagues(plan: Plan, cells: Sequence[Cell], config: ExperimentConfig) -> None:

@@ -15,6 +15,7 @@ from marl_cair.experiments.cells import name_agent
 from marl_cair.experiments.plan import Plan
 from marl_cair.experiments.summary import SCORE, START, Entry, Run, trim
 from marl_cair.files import atomic_path
+from marl_cair.games import GAMES
 from marl_cair.training.curves import COLOURS, STYLES
 from marl_cair.training.run_log import read_log
 
@@ -52,7 +53,7 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
         else:
             _draw_ends(column[0], [one for one in entries if one.task == task], plan)
             column[0].set_xlabel(label)
-        column[0].set_title(task.replace("_", " "), fontsize=10)
+        column[0].set_title(name_task(task), fontsize=10)
     for panel in panels.flat:
         _tidy(panel)
     legend: dict[str, Any] = {}
@@ -64,6 +65,11 @@ def draw_results(plan: Plan, runs: Sequence[Run], entries: Sequence[Entry], path
         style: dict[str, Any] = {"fontsize": 8, "frameon": False, "ncols": num_columns}
         figure.legend(legend.values(), legend, loc="outside lower center", **style)
     _save(figure, path)
+
+
+def name_task(task: str) -> str:
+    """The title of the game that the task is called after, or the task's name in words."""
+    return GAMES[task].title if task in GAMES else task.replace("_", " ").capitalize()
 
 
 def _name_score(plan: Plan, task: str) -> str:

@@ -1,6 +1,7 @@
 """`marl-cair league train` and `league psro`: examples load, help lists all options, errors."""
 
 import dataclasses
+import re
 
 import pytest
 
@@ -94,7 +95,8 @@ def test_the_tiny_example_runs_to_its_report_and_once_more_at_once(command, tmp_
     path.write_text(format_options(about.build(about.examples["tiny"])), "utf-8")
     words = ["league", command, str(path), "--out", str(out)]
     assert main([*words, "--minutes", "0.0001"]) == 0
-    assert f"time is over, 0 {about.parts} are done: resume with" in capsys.readouterr().err
+    told = rf"time is over, [0-5] {about.parts} are done: resume with"  # a quick machine has some
+    assert re.search(told, capsys.readouterr().err)
     assert main(words) == 0
     report = capsys.readouterr().out
     assert "Ladder" in report

@@ -160,9 +160,20 @@ def test_targets_of_a_run_are_those_of_its_games(tmp_path, q_lambda, traces, gap
     assert torch.equal(rows["action"], chosen)
 
 
-def test_an_action_gap_without_its_learner_is_refused():
-    with pytest.raises(ValueError, match=r"action_gap is 0.7.*0 with learner.algorithm=dqn"):
-        LearnerSettings(action_gap=0.7)
+@pytest.mark.parametrize(
+    ("name", "value", "default"),
+    [
+        ("action_gap", 0.7, 0.0),
+        ("q_lambda", 0.5, 0.9),
+        ("traces", "peng", "watkins"),
+        ("epochs", 4, 2),
+        ("minibatches", 8, 4),
+    ],
+)
+def test_a_setting_of_pqn_without_it_is_refused(name, value, default):
+    refusal = f"learner.{name} is '?{value}'?.*{default} with learner.algorithm=dqn"
+    with pytest.raises(ValueError, match=refusal):
+        LearnerSettings(**{name: value})
 
 
 def test_generated_transitions_join_with_their_share(tmp_path):

@@ -26,6 +26,7 @@ HUBER = "smooth_l1"
 ERRORS = (HUBER, "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
 DQN = "dqn"
+OF_NEWEST_STEPS = ("q_lambda", "traces", "action_gap", "epochs", "minibatches")
 AVERAGED, NEWEST = BEHAVIOURS = ("averaged", "newest")
 WATKINS, PENG = TRACES = ("watkins", "peng")
 LOSSES: LazyTable[Any] = LazyTable(
@@ -80,9 +81,10 @@ class LearnerSettings:
         require(
             self.algorithm != QUANTILE or self.loss == HUBER, "learner.loss", self.loss, allowed
         )
-        is_used = self.action_gap == 0 or self.algorithm not in (DQN, QUANTILE)
-        allowed = f"0 with learner.algorithm={self.algorithm}: set learner.algorithm=pqn"
-        require(is_used, "learner.action_gap", self.action_gap, allowed)
+        for name in OF_NEWEST_STEPS if self.algorithm in (DQN, QUANTILE) else ():
+            value, default = getattr(self, name), getattr(LearnerSettings, name)
+            allowed = f"{default} with learner.algorithm={self.algorithm}: it is of pqn alone"
+            require(value == default, f"learner.{name}", value, allowed)
         check_name("learner.traces", self.traces, TRACES)
         check_name("learner.behaviour", self.behaviour, BEHAVIOURS)
 

@@ -264,8 +264,6 @@ class TestLeague:
         order = [rating.name for rating in result.ratings]
         assert order[0] == "finisher"
         assert order.index("idle") < order.index("quitter")
-        assert "team 4" in result.text
-        assert "came in above the column's" in " ".join(result.text.split())
 
     @pytest.mark.slow
     @pytest.mark.parametrize("agents", [("random", "idle"), ("random", "idle", "scorer")])

@@ -67,7 +67,7 @@ lint: $(STAMP) ## style, format and types
 	$(RUN) -m mypy
 
 benchmark: $(STAMP) ## measure the speed of every game and of training
-	unset OMP_NUM_THREADS; $(RUN) scripts/benchmark.py
+	unset OMP_NUM_THREADS; $(RUN) -m benchmarks
 
 clean: ## remove the environment, caches and build outputs; runs/ stays
 	rm -rf $(VENV) $(OLDEST) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -22,7 +22,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 import marl_cair
@@ -140,25 +139,6 @@ def prepare_engine(
     return play, boards
 
 
-def measure_torchrl(
-    game: str, scenario: str, worlds: int, seconds: float, clock: Callable[[], float]
-) -> float:
-    """Agent-steps per second of `step_and_maybe_reset` with planes and mask of every seat."""
-    torch.set_num_threads(1)
-    env = marl_cair.make_torchrl_env(game, scenario, num_worlds=worlds, seed=0)
-    sets = torch.from_numpy(draw_actions(env.engine, ACTION_SETS, False).astype(np.int64))
-    state = env.reset()
-
-    def play() -> int:
-        nonlocal state
-        for chosen in sets:
-            state["player", "action"] = chosen
-            _, state = env.step_and_maybe_reset(state)
-        return ACTION_SETS * worlds * env.engine.num_players
-
-    return measure(play, seconds, clock)
-
-
 def measure_pettingzoo(
     game: str, scenario: str, seconds: float, clock: Callable[[], float]
 ) -> float:
@@ -223,14 +203,11 @@ def main() -> None:
         play, boards = prepare_engine(game, scenario, 1024, draw)
         rate = measure(play, seconds, clock)
         rows.append((f"engine, 1,024 worlds, {name}", rate, "ticks/s", boards.describe()))
-    rate = measure_torchrl(game, scenario, 1024, seconds, clock)
-    name = "TorchRL environment, 1,024 worlds, planes + mask"
-    rows.append((name, rate, "agent-steps/s", "uniform actions"))
     rate = measure_pettingzoo(game, scenario, seconds, clock)
     rows.append(("PettingZoo environment, planes + mask", rate, "steps/s", "uniform actions"))
     print(f"{game} {scenario}, {ticks} ticks a step, one thread, best of {REPEATS}")
     for name, rate, unit, boards_of_row in rows:
-        scale = {"ticks/s": 1, "agent-steps/s": ticks / spec.num_players, "steps/s": ticks}[unit]
+        scale = {"ticks/s": 1, "steps/s": ticks}[unit]
         row = f"{name:50s} {rate:14,.0f} {unit:14s} {rate * scale / plain:9,.1f} x plain Python"
         print(f"{row}  {boards_of_row}".rstrip())
 

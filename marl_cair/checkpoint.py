@@ -62,7 +62,7 @@ class AgentDescription:
         network: `QNetworkConfig.to_dict()`.
         frames, updates: of training in its run.
         seed: of the training run.
-        plays: how the network's outputs become actions, a name of `policies.actor.PLAYS`.
+        plays: how the network's outputs become actions, a name of `policies.PLAYS`.
         frames_total, updates_total: with all runs that it was trained in before (`initial_agent`,
             best responses that begin as an agent); at least those of its run.
     """

@@ -59,7 +59,7 @@ def _open_pool(cluster: str, num_workers: int, shared: Path) -> RayPool:
     pool = RayPool(cluster, num_workers)
     try:
         pool.require_shared(shared)
-    except (ClusterError, OSError):
+    except OSError:  # ClusterError too
         pool.shutdown()
         raise
     return pool

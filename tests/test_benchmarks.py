@@ -11,7 +11,6 @@ from tqdm import tqdm
 
 from benchmarks import flash, positions
 from benchmarks.coverage import Case, find_truth, measure
-from benchmarks.self_play_learning import _space_out
 from marl_cair.cli import main
 from marl_cair.games.flash.browser.swf_header import read_header
 from marl_cair.league.ratings import rate as ratings_module
@@ -158,40 +157,6 @@ def test_the_table_compares_generating_with_learning():
     assert rows[0][2] == "1.00"
     times = [float(milliseconds) for _, milliseconds, _ in rows]
     assert all(time > 0 for time in times)
-
-
-# --- self-play ---------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_the_table_of_runs_rates_the_last_agent_its_past_and_its_best_response(tmp_path):
-    words = ["scenario=11x11", "max_ticks=600", "opponent.snapshot_every_frames=256", *LADDER]
-    first, second = tmp_path / "first", tmp_path / "second"
-    assert main(["train", *words, "total_frames=768", f"out={first}"]) == 0
-    words += [f"initial_agent={first / 'latest'}", "total_frames=512", f"out={second}"]
-    assert main(["train", *words]) == 0
-    alone = first / "snapshots" / "frames_0000000512"
-    words = [first, second, "--alone", alone, "--past-games", "2", "--past-every", "300"]
-    words += ["--games", "2", "--budget", "512", "--workers", "1", "--out", tmp_path, *LADDER]
-    table = read_table("self_play_learning", "1,280 decisions", words)
-    assert "| best response of 512 scores | `last agent` |" in table
-    assert (tmp_path / "self_play.png").read_bytes().startswith(b"\x89PNG")
-    *rows, last = read_rows(tmp_path / "results.csv")
-    assert (last["what"], last["games"]) == ("rank correlation of rating with decisions", "3")
-    assert all(
-        0 <= float(row["low"]) <= float(row["value"]) <= float(row["high"]) <= 1 for row in rows
-    )
-    found = {(row["what"], row["against"]) for row in rows}
-    assert {("last agent scores", name) for name in ("random", "counter", "alone")} <= found
-    # 256, 512, 768 and 1,024 decisions: thinned from the last one's 1,280 to one in 300.
-    kept = {path.name for path in (tmp_path / "agents").iterdir()}
-    assert kept == {"main_0", "main_0-0-768", "main_0-0-256", "alone"}
-
-
-def test_labels_of_equal_ratings_stand_one_above_the_other():
-    spaced = _space_out([1550.0, 0.0, 1545.0, 1700.0, 1555.0], 50.0)
-    assert spaced == pytest.approx([1550.0, 0.0, 1500.0, 1700.0, 1600.0])
-    assert _space_out([], 1.0) == []
 
 
 # --- coverage of intervals: 95 % intervals of ratings where maps favour agents ------------------

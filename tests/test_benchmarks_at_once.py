@@ -35,13 +35,13 @@ def test_without_a_name_all_run_but_those_of_hours_and_those_that_need_words(cal
     chosen = {words[0].removeprefix("benchmarks.") for words in calls}
     assert chosen == set(at_once.NAMES) - set(at_once.HOURS)
     assert not [name for name in chosen if needs_words(name)]
-    assert needs_words("self_play_learning")
+    assert needs_words("steps_to_level")
 
 
 def test_those_of_hours_are_there_and_run_when_they_are_named(calls):
     assert set(at_once.HOURS) <= set(at_once.NAMES)
-    assert at_once.main(["self_play_learning", "runs/a", "--games", "2"]) == 0
-    assert calls == [["benchmarks.self_play_learning", "runs/a", "--games", "2"]]
+    assert at_once.main(["positions", "runs/a", "--games", "2"]) == 0
+    assert calls == [["benchmarks.positions", "runs/a", "--games", "2"]]
 
 
 def test_the_first_that_fails_ends_it_and_an_unknown_one_is_refused(calls, capsys):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.perfect_maze import PerfectMazeGenerator
+from benchmarks._perfect_maze import PerfectMazeGenerator
 from marl_cair import make_engine
 from marl_cair.games.deep_maze.observation import TIME_LEFT
 from marl_cair.games.randomness import episode_seeds

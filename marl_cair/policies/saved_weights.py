@@ -48,7 +48,7 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) 
         raise ValueError(f"{where} has {len(saved['param_groups'])} groups, expected {len(own)}")
     for group, held in zip(saved["param_groups"], own, strict=True):
         for name, value in held.items():
-            if name in ("lr", "peak"):
+            if name == "lr":
                 read_number(group, name, WEIGHT)
             elif group.get(name) != value:
                 raise ValueError(

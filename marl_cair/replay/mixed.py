@@ -11,30 +11,10 @@ import torch
 from tensordict import TensorDict
 
 from marl_cair.files import replaced_folder
-from marl_cair.ranges import FLAG, read_number
 from marl_cair.replay import transition
-from marl_cair.replay.array_folder import load_arrays, save_arrays
-from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
-from marl_cair.replay.generated import GeneratedReplay, GeneratedSequences
+from marl_cair.replay.buffer import EpisodeReplayBuffer
+from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.sequences import find_sequence_errors
-from marl_cair.replay.transition import TransitionSpec
-
-
-def make_mixed_replay(
-    config: ReplayConfig, spec: TransitionSpec, shares: tuple[float, float], ring: tuple[int, int]
-) -> "MixedReplay":
-    """Make an empty replay of the rows that `config` and `spec` describe, for a shut gate.
-
-    shares: fraction and weight of generated rows. ring: their capacity, in steps, and the seed.
-    """
-    real, (capacity, seed) = make_replay_buffer(config, spec), ring
-    steps = config.sequence_steps
-    if steps == 1:
-        generated = GeneratedReplay(spec, capacity, seed)
-    else:
-        entries = config.burn_in_steps + steps + 1
-        generated = GeneratedSequences(spec, entries, max(1, capacity // steps), seed)
-    return MixedReplay(real, generated, *shares, generated_open=False)
 
 
 class MixedReplay:
@@ -127,14 +107,11 @@ class MixedReplay:
         with replaced_folder(path) as folder:
             self.real.save(folder / "real")
             self.generated.save(folder / "generated")
-            save_arrays(folder / "mixture", {}, {"generated_open": self.generated_open})
 
     def load(self, path: str | os.PathLike[str]) -> None:
         """Read a folder that `save` wrote. Raises ValueError if a layout differs."""
         self.real.load(Path(path) / "real")
         self.generated.load(Path(path) / "generated")
-        facts = load_arrays(Path(path) / "mixture")[1]
-        self.generated_open = read_number(facts, "generated_open", FLAG)
 
 
 def _join_rows(real: TensorDict, generated: TensorDict) -> TensorDict:

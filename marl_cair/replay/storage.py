@@ -222,7 +222,7 @@ class EpisodeStorage:
         arrays = {key: transition.make_array(len(slots), *self._fields[key]) for key in _ROW_KEYS}
         views = dict(arrays)
         for key in (transition.OBSERVATION, transition.NEXT_OBSERVATION):
-            views[key] = arrays[key].reshape(len(slots), self._observation_size).view(np.uint8)
+            views[key] = arrays[key].reshape(len(slots), -1).view(np.uint8)
         sizes = self.spec.board_bytes, self.spec.num_cells
         discounts, rows = self._discounts[:num_steps], ring.Rows(*views.values())
         wrong = ring.gather_transitions(self._ring, slots, discounts, rows, *sizes)
@@ -246,10 +246,6 @@ class EpisodeStorage:
         for step in range(max(steps, default=0)):
             slots = np.where(step < steps, self._ring.successor[slots], slots)
         return torch.from_numpy(self._ring.other_actions[slots].astype(np.int64))
-
-    @property
-    def _observation_size(self) -> int:
-        return self.spec.observation_shape[0] * self.spec.num_cells
 
     def save(self, path: Path) -> None:
         """Write the used part of the ring to a new folder `path`, without a copy in memory."""

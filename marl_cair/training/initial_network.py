@@ -17,8 +17,9 @@ from marl_cair.policies import GREEDY
 from marl_cair.policies.capsule import stride_first
 from marl_cair.policies.config import NAF, QUANTILE
 from marl_cair.policies.q_network import QNetwork, QNetworkConfig, make_q_network
-from marl_cair.replay.buffer import ReplayConfig
-from marl_cair.replay.mixed import MixedReplay, make_mixed_replay
+from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
+from marl_cair.replay.generated import GeneratedReplay, GeneratedSequences
+from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.generating.generators import count_others
 from marl_cair.training.settings.config import TrainConfig
@@ -85,9 +86,15 @@ def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int])
         burn_in_steps=replay.burn_in_steps if spec.state_size else 0,
         make_sampler=None if own else partial(REPLAY_SAMPLERS.make, replay.sampler),
     )
+    real, capacity = make_replay_buffer(settings, spec), replay.generated_capacity_transitions
+    if settings.sequence_steps == 1:
+        generated = GeneratedReplay(spec, capacity, seeds[1])
+    else:
+        entries = settings.burn_in_steps + settings.sequence_steps + 1
+        num_sequences = max(1, capacity // settings.sequence_steps)
+        generated = GeneratedSequences(spec, entries, num_sequences, seeds[1])
     shares = config.synthetic_fraction, config.generator.loss_weight
-    ring = replay.generated_capacity_transitions, seeds[1]
-    return make_mixed_replay(settings, spec, shares, ring)
+    return MixedReplay(real, generated, *shares, generated_open=False)
 
 
 def can_begin_as(agent: str) -> bool:

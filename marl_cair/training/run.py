@@ -218,7 +218,7 @@ class TrainingRun:
             network = make_q_network(self.policy, shape, num_actions, seeds[10]).to(self.device)
             rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, seeds[11])
             self.average_policy = AveragePolicy(network, config.nfsp, rows)
-            if config.nfsp.plays_average:
+            if config.nfsp.played != GREEDY:
                 self.rated = PolicyActor(network, "learner", seen, MaskedSampling(seeds[12]))
             sampling = MaskedSampling(seeds[13], self.spec.action_groups)
             average = PolicyActor(network, "average", seen, sampling)

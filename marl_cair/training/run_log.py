@@ -19,16 +19,15 @@ class RunLog:
 
     Args:
         frames: the resumed step; rows after it are dropped.
-        prints: whether lines of text are also printed, above a progress bar.
     """
 
     FILE = "log.csv"
 
-    def __init__(self, folder: Path, frames: int = 0, prints: bool = False) -> None:
+    def __init__(self, folder: Path, frames: int = 0) -> None:
         self._path = folder / self.FILE
         self.rows = [row for row in read_log(self._path) if row["frames"] <= frames]
         self.frames = frames  # of the last row
-        self.prints = prints
+        self.prints = False  # whether lines of text are also printed, above a progress bar
         from torch.utils.tensorboard import SummaryWriter
 
         self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=frames + 1)

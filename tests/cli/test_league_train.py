@@ -95,8 +95,8 @@ def test_the_tiny_example_runs_to_its_report_and_once_more_at_once(command, tmp_
     path.write_text(format_options(about.build(about.examples["tiny"])), "utf-8")
     words = ["league", command, str(path), "--out", str(out)]
     assert main([*words, "--minutes", "0.0001"]) == 0
-    told = rf"time is over, [0-5] {about.parts} are done: resume with"  # a quick machine has some
-    assert re.search(told, capsys.readouterr().err)
+    shown = rf"time is over, [0-5] {about.parts} are done: resume with"  # a quick machine has some
+    assert re.search(shown, capsys.readouterr().err)
     assert main(words) == 0
     report = capsys.readouterr().out
     assert "Ladder" in report

@@ -1,7 +1,5 @@
 """The capsule layers against plain formulas, and the counts of the body's weights."""
 
-import math
-
 import pytest
 import torch
 from hypothesis import given, settings
@@ -12,7 +10,6 @@ from marl_cair.policies.capsule_layers import (
     ROUTING_CHUNK_ROWS,
     EntityRouting,
     GridPooling,
-    PartCapsules,
     measure_presence,
     overlap_shares,
     squash,
@@ -70,21 +67,6 @@ def test_shares_divide_each_cell_and_each_position_wholly(positions, cells):
     torch.testing.assert_close(shares.sum(0), torch.full((positions,), cells / positions))
 
 
-def test_shares_of_three_positions_over_two_cells():
-    expected = torch.tensor([[2 / 3, 1 / 3, 0.0], [0.0, 1 / 3, 2 / 3]])
-    torch.testing.assert_close(overlap_shares(3, 2), expected)
-
-
-def test_pooling_is_the_mean_weighted_by_presence():
-    poses, presences = torch.randn(2, 3, 4, 6, 10), torch.rand(2, 4, 6, 10)
-    pooled, cell_presence = GridPooling(6, 10, 2)(poses, presences)
-    block, weight = poses[1, :, 2, 3:, :5], presences[1, 2, 3:, :5]  # lower left cell
-    presence = weight.square().sum() / weight.sum()
-    expected = presence * (block * weight).sum((1, 2)) / weight.sum()
-    torch.testing.assert_close(cell_presence[1, 2, 2], presence)
-    torch.testing.assert_close(pooled[1, :, 2, 2], expected)
-
-
 def test_one_present_part_in_a_large_cell_is_not_diluted():
     poses, presences = torch.zeros(1, 2, 1, 40, 40), torch.full((1, 1, 40, 40), 1e-4)
     poses[0, :, 0, 7, 9] = torch.tensor([3.0, -2.0])
@@ -106,19 +88,6 @@ def test_absent_parts_pool_to_zero_without_dividing_by_it():
     pooled, presence = GridPooling(6, 6, 2)(torch.randn(1, 2, 1, 6, 6), torch.zeros(1, 1, 6, 6))
     assert torch.equal(pooled, torch.zeros(1, 2, 1, 4))
     assert torch.equal(presence, torch.zeros(1, 1, 4))
-
-
-def test_presence_and_pose_of_a_part_are_separate_outputs():
-    layer = PartCapsules(4, num_types=3, pose_size=2)
-    planes = torch.randn(2, 4, 9, 9)
-    poses, presences = layer(planes)
-    assert poses.shape == (2, 2, 3, 5, 5)
-    assert presences.shape == (2, 3, 5, 5)
-    with torch.no_grad():
-        layer.convolution.bias[:3] += 100.0  # the first T outputs are the presences
-    moved, ones = layer(planes)
-    assert torch.equal(moved, poses)
-    assert torch.equal(ones, torch.ones_like(ones))
 
 
 def route_with_votes(layer: EntityRouting, parts: torch.Tensor, num_passes: int) -> torch.Tensor:
@@ -150,15 +119,6 @@ def test_routing_without_votes_equals_routing_with_votes(num_passes, num_rows):
     weights = layer.find_weights(parts, num_passes)
     torch.testing.assert_close(weights.sum(0), torch.full((num_rows, 12), 5.0))
     assert (weights.std() > 0.1) == (num_passes > 1)
-
-
-@given(length=st.floats(0.0, 1e6))
-@settings(max_examples=50, deadline=None)
-def test_squash_and_presence_follow_their_formula(length):
-    vector = torch.tensor([[0.6, -0.8]]) * length
-    expected = length**2 / (1 + length**2)
-    assert math.isclose(measure_presence(vector).item(), expected, rel_tol=1e-5, abs_tol=1e-9)
-    assert math.isclose(squash(vector).norm().item(), expected, rel_tol=1e-4, abs_tol=1e-9)
 
 
 def test_presence_has_a_finite_gradient_where_an_entity_is_absent():

@@ -85,7 +85,7 @@ def test_a_resumed_mixture_continues_with_the_same_bits(tmp_path):
     whole = make_mixture()
     for _ in range(7):
         whole.sample(9)
-    resumed = make_mixture(num_generated=5, generated_open=False)
+    resumed = make_mixture(num_generated=5)
     whole.save(tmp_path / "mixture")
     resumed.load(tmp_path / "mixture")
     for step in range(10):

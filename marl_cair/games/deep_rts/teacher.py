@@ -1,7 +1,7 @@
 """A scripted player of Deep RTS that beats the bots, for agents to learn from.
 
 Its numbers, `bots.doctrines.TEACHER`, are the result of a search against the six scripted bots of
-1v1-15x15 (`python -m benchmarks.doctrine_search`), before these fought off peasants. It is no bot
+1v1-15x15, of 510 doctrines, before these fought off peasants. It is no bot
 of the game, because agents are rated by the bots: its name is
 `marl_cair.games.deep_rts.teacher:make_teacher`.
 """

@@ -205,7 +205,7 @@ class _Training:
         spent = time.process_time() - begin
         numbers = quality.measure_rows(self.heldout, made, self.about)
         half = len(self.heldout) // 2
-        least = made.surety[:half].quantile(self.generator_tail)
+        least = made.surety[:half].quantile(self.settings.config.gate.tail)
         rest = made.select(slice(half, None))
         numbers |= quality.measure_acceptance(
             self.heldout[half:], rest, self.about, rest.surety >= least
@@ -226,10 +226,6 @@ class _Training:
             numbers["open_loop/safe_steps"] = quality.find_safe_steps(numbers, least_f1)
         self.guesses.append(self.imagine(self.drawn).observation)
         return {**numbers, "speed/rows_per_processor_second": len(self.heldout) / max(spent, 1e-9)}
-
-    @property
-    def generator_tail(self) -> float:
-        return self.settings.config.gate.tail
 
     def write(self, losses: list[dict[str, float]], numbers: list[dict[str, float]]) -> None:
         """Write weights, tables and pictures."""

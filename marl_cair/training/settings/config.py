@@ -171,8 +171,7 @@ class GeneratorSettings:
     frames_per_update: Count = 32  # frames collected for each of its updates while the gate is shut
     open_frames_per_update: Count = 128  # the same while it is open: fewer updates suffice then
     evaluate_every_frames: Count = 25_000  # frames between two evaluations of the gate
-    # At these numbers a generated row is learned from as often as a real one: a fifth of each
-    # batch, out of a fifth of all rows that come in.
+    # So a generated row is learned from as often as a real one: a fifth of batches and of rows.
     refill_every_frames: Count = 4_000  # frames between two refills while the gate is open
     rows_per_refill: Count = 1_000  # transitions
     rollout_steps: Count = 1  # generated steps at the end of a generated row, n_steps at most
@@ -185,6 +184,7 @@ class GeneratorSettings:
     def __post_init__(self) -> None:
         check_name("generator", self.name, (NO_GENERATOR,), GENERATORS)
         check_fields(self, "generator.")
+        require(self.model.seed == 0, "generator.model.seed", self.model.seed, "0: give seed=N")
 
 
 @dataclass(frozen=True)

@@ -123,11 +123,6 @@ class NfspSettings:
         rows, least = self.capacity_rows, self.min_rows
         require(rows >= least, "nfsp.capacity_rows", rows, f"{least} (nfsp.min_rows) or more")
 
-    @property
-    def plays_average(self) -> bool:
-        """Whether the agent that is rated, kept and frozen is the average policy."""
-        return self.enabled and self.played == AVERAGE
-
 
 def interpolate(start: float, end: float, done: float) -> float:
     """Linear from `start` to `end`, which is kept where `done` is above 1."""

@@ -9,13 +9,13 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_695,
-    "policies": 2_450,
-    "replay": 2_475,
-    "generative": 3_390,
+    "policies": 2_460,
+    "replay": 2_446,
+    "generative": 3_385,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_780,
-    "experiments": 1_790,
+    "training": 7_775,
+    "experiments": 1_770,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,

@@ -241,7 +241,8 @@ class PolicyActor:
         """
         before = torch.empty(len(observation), 0) if state is None else _view_tensor(state)
         values, after = self.step(_view_tensor(observation), before)
-        actions = self.exploration(values, _view_tensor(action_mask), self.epsilon).numpy()
+        mask = _view_tensor(np.asarray(action_mask, bool))  # PettingZoo's are int8
+        actions = self.exploration(values, mask, self.epsilon).numpy()
         return (actions, after.numpy()) if self.state_size else actions
 
     def values(
@@ -260,9 +261,15 @@ class PolicyActor:
         if state is None:
             state = np.zeros((len(observation), self.state_size), np.float32)
         found, _ = self.step(_view_tensor(observation), _view_tensor(state))
+        mask = np.asarray(action_mask, bool)
+        if mask.shape != tuple(found.shape):
+            raise ValueError(
+                f"the mask has shape {mask.shape}, but the values have {tuple(found.shape)}: give "
+                "observations [N, ...] and masks [N, A] of as many rows"
+            )
         if self.is_sampled:
-            found = found.masked_fill(~_view_tensor(action_mask), -torch.inf).softmax(-1)
-        return np.where(action_mask, found.numpy(), np.float32(-np.inf))
+            found = found.masked_fill(~_view_tensor(mask), -torch.inf).softmax(-1)
+        return np.where(mask, found.numpy(), np.float32(-np.inf))
 
     def find_presences(self, observation: npt.NDArray[Any]) -> npt.NDArray[np.float32] | None:
         """Presences float32 [N, T, h, w] of the network's first part capsules in [N, *shape]; None

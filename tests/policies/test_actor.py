@@ -194,6 +194,19 @@ def test_values_carry_no_gradient_but_can_be_used_in_training():
     values += 1.0
 
 
+def test_an_actor_takes_the_masks_of_pettingzoo_and_as_many_as_observations():
+    actor, (observation, mask) = make_actor(), random_batch(3)
+    numbers = mask.astype(np.int8)
+    assert (actor.act(observation, numbers) == actor.act(observation, mask)).all()
+    np.testing.assert_array_equal(
+        actor.values(observation, numbers), actor.values(observation, mask)
+    )
+    with pytest.raises(ValueError, match=r"the mask has shape \(1, 6\).*\(3, 6\)"):
+        actor.values(observation, mask[:1])
+    with pytest.raises(ValueError, match=r"the mask has shape \(6,\)"):
+        actor.values(observation, mask[0])
+
+
 def test_an_actor_takes_read_only_arrays_as_they_are():
     observation, mask = random_batch(4)
     expected = make_actor().act(observation, mask)

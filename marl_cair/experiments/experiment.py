@@ -166,7 +166,7 @@ def _describe(plan: Plan, scale: float, config: ExperimentConfig, skipped: dict[
         limits.append(f"{plan.budget.seconds:,.0f} s of processor time")
     notes = [
         "Interquartile means over runs (of less than four: means), 95 % stratified bootstrap.",
-        "Of two runs these intervals hold the truth in 51 % of cases, of three in 76 %, of five in 90 %.",
+        "These intervals hold the truth in 51 % (two runs), 76 % (three) and 90 % (five) of cases.",
         f"A run trains for at most {' or '.join(limits)}.",
         f"marl_cair {__version__}.",
     ]

@@ -3,8 +3,6 @@
 marl-cair experiment synthetic --only deep_maze one_step_real perfect_20 perfect_50
 """
 
-from typing import cast
-
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
@@ -14,6 +12,7 @@ from marl_cair.games.deep_maze import observation as seen
 from marl_cair.games.deep_maze import tables as t
 from marl_cair.generative.heldout import make_empty_transitions
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.replay.transition import mark_generated
 
 
 class PerfectMazeGenerator(MemoryGenerator):
@@ -57,9 +56,8 @@ class PerfectMazeGenerator(MemoryGenerator):
         rows["next", "action_mask"] = _list_legal(later, is_end)
         rows["next", "reward"] = torch.where(is_end, t.GOAL_REWARD, t.STEP_REWARD)[:, None]
         rows["next", "terminated"] = rows["next", "done"] = is_end[:, None]
-        accepted = torch.full((len(rows),), self._is_open)
-        made = self._label(rows)  # type: ignore[no-untyped-call]
-        return cast(TensorDict, made), accepted
+        mark_generated(rows)
+        return rows, torch.full((len(rows),), self._is_open)
 
 
 def _shift(player: Tensor, move: int) -> Tensor:

@@ -10,7 +10,7 @@ import torch
 
 from marl_cair.generative.gate import GateReport
 from marl_cair.generative.heldout import TransitionRing, make_empty_transitions
-from marl_cair.replay.transition import NO_ACTION, NO_INDEX, NO_OPPONENT
+from marl_cair.replay.transition import mark_generated
 
 CAPACITY = 2_000  # transitions
 LEAST_ROWS = 500  # transitions at which the gate opens
@@ -47,7 +47,8 @@ class MemoryGenerator:
     def generate(self, starts, num_rows):
         """Up to `num_rows` transitions; none while the gate is shut."""
         rows = self._ring.sample(num_rows if self._is_open else 0, self._random)
-        return self._label(rows)
+        mark_generated(rows)
+        return rows
 
     def predict(self, starts):
         """What follows on each start, and whether it is accepted: only what was seen exactly."""
@@ -63,14 +64,8 @@ class MemoryGenerator:
                 accepted[place] = True
         for key in ("observation", "action_mask", "action"):
             rows[key] = starts[key]
-        return self._label(rows), accepted
-
-    def _label(self, rows):
-        rows["is_generated"].fill_(True)
-        rows["expert_action"].fill_(NO_ACTION)
-        rows["opponent"].fill_(NO_OPPONENT)
-        rows["index"].fill_(NO_INDEX)
-        return rows
+        mark_generated(rows)
+        return rows, accepted
 
     def state_dict(self):
         """Data that a resumed run continues from with the same bits."""

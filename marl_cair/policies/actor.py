@@ -256,7 +256,7 @@ class PolicyActor:
 
         Those of illegal actions are -inf. The unit of values is the reward that the agent was
         trained with. state: float32 [N, state_size] before the step; None: as when an episode
-        begins.
+        begins. Raises ValueError for a mask of other rows or actions.
         """
         if state is None:
             state = np.zeros((len(observation), self.state_size), np.float32)

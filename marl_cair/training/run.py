@@ -50,6 +50,7 @@ from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings import config_file
 from marl_cair.training.settings.checks import find_device
 from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.learner import AVERAGE
 
 BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
@@ -218,7 +219,7 @@ class TrainingRun:
             network = make_q_network(self.policy, shape, num_actions, seeds[10]).to(self.device)
             rows = Reservoir(self.transition_spec, config.nfsp.capacity_rows, seeds[11])
             self.average_policy = AveragePolicy(network, config.nfsp, rows)
-            if config.nfsp.played != GREEDY:
+            if config.nfsp.played == AVERAGE:
                 self.rated = PolicyActor(network, "learner", seen, MaskedSampling(seeds[12]))
             sampling = MaskedSampling(seeds[13], self.spec.action_groups)
             average = PolicyActor(network, "average", seen, sampling)

@@ -78,7 +78,7 @@ class _Context(NamedTuple):
 
     versions: dict[str, str]
     folder: str
-    allowed: tuple[str, ...]  # code that files may name, see `outside.allow_code`
+    allowed: tuple[str, ...] = ()  # code that files may name, see `outside.allow_code`
 
 
 class RayPool(Executor):
@@ -105,7 +105,7 @@ class RayPool(Executor):
         self._is_owner = not ray.is_initialized()
         if self._is_owner:
             _connect(cluster, num_workers)
-        self._context = _Context(_read_versions(), str(Path.cwd()), tuple(outside.list_allowed()))
+        self._context = _Context(_read_versions(), str(Path.cwd()))
         self._task, self._single = ray.remote(_run), ray.remote(max_calls=1)(_run)
         self._refs: dict[Future[Any], Any] = {}
 
@@ -137,7 +137,8 @@ class RayPool(Executor):
         """
         task = self._single if options.pop("is_fresh", False) else self._task
         options = {"num_cpus": 1, "max_retries": _RETRIES, **options}
-        ref = task.options(**options).remote(self._context, fn, args)
+        context = self._context._replace(allowed=tuple(outside.list_allowed()))
+        ref = task.options(**options).remote(context, fn, args)
         future: Future[Any] = Future()
         self._refs[future] = ref
         ref.future().add_done_callback(partial(self._finish, future))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,8 @@ from marl_cair.text import clean_text
 # Worker processes inherit it.
 ALLOWED = "MARL_CAIR_ALLOW_CODE"
 
+_NOT_THEIRS = "marl_cair", "torch", "tensordict"  # packages whose lines are not the user's
+
 
 class CodeNotAllowedError(ValueError):
     """A file names code that the user has neither named nor allowed."""
@@ -29,13 +32,26 @@ class OutsideCodeError(ValueError):
 
 @contextmanager
 def outside_call(what: str) -> Iterator[None]:
-    """Turn whatever the user's code raises into an OutsideCodeError that begins with `what`."""
+    """Turn whatever the user's code raises into an OutsideCodeError that begins with `what` and
+    ends with the file and line in the user's code.
+    """
     try:
         yield
     except OutsideCodeError:
         raise
     except Exception as error:
-        raise OutsideCodeError(f"{what}: {type(error).__name__}: {error}") from error
+        place = _find_line(error)
+        raise OutsideCodeError(f"{what}: {type(error).__name__}: {error}{place}") from error
+
+
+def _find_line(error: Exception) -> str:
+    """Where the code raised it that is neither ours nor torch's: " (FILE, line N)"; "" if none."""
+    modules = [sys.modules[name] for name in _NOT_THEIRS if name in sys.modules]
+    known = tuple(f"{Path(str(module.__file__)).parent}{os.sep}" for module in modules)
+    frames = traceback.extract_tb(error.__traceback__)
+    theirs = [one for one in frames if not one.filename.startswith((*known, "<"))]
+    lines = [one for one in theirs if one.filename == theirs[0].filename]
+    return f" ({lines[-1].filename}, line {lines[-1].lineno})" if lines else ""
 
 
 def is_place(name: object) -> bool:

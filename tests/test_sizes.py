@@ -10,19 +10,19 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_695,
     "policies": 2_460,
-    "replay": 2_446,
+    "replay": 2_450,
     "generative": 3_385,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_775,
-    "experiments": 1_770,
+    "training": 7_885,
+    "experiments": 1_790,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
     "cli": 4_360,
-    "": 1_965,  # the modules that every part may import
+    "": 1_980,  # the modules that every part may import
 }
 
 

@@ -42,7 +42,8 @@ def run_plan(command: str, arguments: Sequence[str], panels: bool = False) -> in
     from marl_cair.experiments.plan import read_plan
     from marl_cair.experiments.tables import LOOKS
 
-    path = _find_plan(options.plan)
+    path, is_own = _find_plan(options.plan)
+    plan = read_plan(path)
     seconds = shared.read_seconds(options.budget, "--budget") if options.budget else None
     require_counts(options, "workers")
     out = Path(options.out or f"runs/{path.stem}")
@@ -54,8 +55,9 @@ def run_plan(command: str, arguments: Sequence[str], panels: bool = False) -> in
         budget_seconds=seconds,
         only=tuple(options.only),
         panels=panels,
+        allow_code=options.allow_code or (is_own and frozenset(plan.list_code())),
     )
-    result = run_experiment(read_plan(path), config, compose)
+    result = run_experiment(plan, config, compose)
     is_empty = not (out / LOOKS).is_file()
     where = "" if is_empty else f"\nTables, looks.csv and figure.png are in {out}\n"
     sys.stdout.write(result.text + where)
@@ -72,12 +74,12 @@ def compose(layers: Sequence[Sequence[str]]) -> TrainConfig:
     return compose_config(words)
 
 
-def _find_plan(name: str) -> Path:
-    """A file, or a ready-made plan by its name."""
+def _find_plan(name: str) -> tuple[Path, bool]:
+    """A file, or a ready-made plan by its name; and whether it is a ready-made one."""
     if Path(name).is_file():
-        return Path(name)
+        return Path(name), False
     check_name("plan (a YAML file, or a ready-made one)", name, list_plans())
-    return Path(str(_PLANS / f"{name}.yaml"))
+    return Path(str(_PLANS / f"{name}.yaml")), True
 
 
 def make_parser(command: str) -> Parser:
@@ -99,7 +101,7 @@ def make_parser(command: str) -> Parser:
         "(default: the plan's own budgets)",
     )
     parser.add_argument("--workers", type=int, help="cells side by side (default: one a core)")
-    shared.add_options(parser, "--cluster")
+    shared.add_options(parser, "--cluster", "--allow-code", files="the plan")
     parser.add_argument(
         "--only",
         nargs="+",

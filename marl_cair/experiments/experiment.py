@@ -30,6 +30,7 @@ from marl_cair.experiments.summary import Run, find_levels, summarise
 from marl_cair.experiments.tables import LOOKS, write_looks, write_tables
 from marl_cair.files import RUN_MARKER, claim_output_folder, write_json
 from marl_cair.games import GAMES
+from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_distinct, load_agent
 from marl_cair.league.league import LeagueConfig, run_league
 from marl_cair.lookup import check_name
@@ -37,6 +38,7 @@ from marl_cair.memory import count_cores
 from marl_cair.outside import import_outside
 from marl_cair.stored import read_json
 from marl_cair.training.run_log import RunLog
+from marl_cair.training.settings.config_file import list_sources
 
 _SCALE_FILE = "scale.json"
 _LOOKS_SHARE = 0.2  # of the time of an experiment, a guess
@@ -55,6 +57,7 @@ class ExperimentConfig:
     budget_seconds: float | None = None  # for the cells of the first call in a folder
     only: tuple[str, ...] = ()  # tasks and choices; cells with one of each kind run
     panels: bool = False  # draw the thesis's panels of each task
+    allow_code: AllowCode = False  # code of the plan that may run, see `league.agents.allowed_code`
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ def run_experiment(plan: Plan, config: ExperimentConfig, compose: Compose) -> Ex
 
     Raises:
         OutputFolderError: the folder holds another plan, version or budget.
+        CodeNotAllowedError: the plan, or a cell of the folder, names code that is not allowed.
         ClusterError: the cluster cannot be used.
         ValueError: a cell that cannot be composed or rated; before any work.
     """
@@ -103,6 +107,8 @@ def _run(
     cells = make_cells(scaled, compose, scale, config.out)
     keys = {draft.key for draft in _choose(plan, config.only)}
     chosen = [cell for cell in cells if cell.key in keys]
+    code = [one for cell in chosen for one in (*list_sources(cell.config), cell.trainer)]
+    require_allowed(filter(None, code), config.allow_code, f"the plan of {config.out}")
     for cell in chosen:
         if cell.trainer is not None:
             import_outside(cell.trainer)  # raises now where it is missing

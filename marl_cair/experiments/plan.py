@@ -141,6 +141,19 @@ class Plan:
         for name in given:
             require(name in known, place, name, f"one of {', '.join(known)}")
 
+    def list_code(self) -> list[str]:
+        """The names `module:attribute` of code in its words and `others`."""
+        tasks = self.tasks.values()
+        own: list[Mapping[str, tuple[str, ...] | None]] = [task.when for task in tasks]
+        own += self.factors.values()
+        lists = [
+            self.words,
+            *(task.words for task in tasks),
+            *(x for by in own for x in by.values()),
+        ]
+        values = [word.partition("=")[2] for words in lists for word in words or ()]
+        return [*self.others.values(), *filter(is_place, values)]
+
     @property
     def fixed(self) -> dict[str, Any]:
         """The settings that a results folder belongs to: what cells do. Seeds may be added. The

@@ -18,7 +18,7 @@ from marl_cair.replay.sampler import (
     draw_uniformly,
 )
 from marl_cair.replay.storage import EpisodeStorage
-from marl_cair.replay.transition import TransitionSpec
+from marl_cair.replay.transition import TransitionSpec, check_tensor
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,16 @@ class EpisodeReplayBuffer:
     def sample(self, batch_size: int | None = None) -> TensorDict:
         """Sample a flat TensorDict [batch_size] with the keys of replay/transition.py, or
         batch_size / sequence_steps sequences, TensorDict [N, T] (replay/sequences.py).
+        Raises ValueError for other slots than int64 [N] of the sampler.
 
         A prioritised sampler adds "priority_weight". Raises RuntimeError while nothing can be
         sampled.
         """
         num_steps = self.batch_size if batch_size is None else batch_size
         num_rows = num_steps // self.storage.sequence_steps
-        return self._read(*self.sampler.sample(self.storage, num_rows))
+        slots, fields = self.sampler.sample(self.storage, num_rows)
+        check_tensor("slots of the replay sampler", slots, torch.int64, (num_rows,))
+        return self._read(slots, fields)
 
     def sample_uniformly(self, num_rows: int) -> TensorDict:
         """Sample transitions [num_rows] or sequences [num_rows, T] as `sample`, not by priority."""

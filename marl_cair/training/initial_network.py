@@ -6,9 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from functools import partial
 
-import numpy as np
-import torch
-
 from marl_cair.checkpoint import load_network, read_description, read_network_config
 from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
@@ -21,7 +18,8 @@ from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay, GeneratedSequences
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.generating.generators import count_others
+from marl_cair.training.generating.generators import count_others, describe_steps
+from marl_cair.training.outside_trials import check_sampler
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
 from marl_cair.training.settings.learner import DQN
@@ -63,10 +61,8 @@ def describe_rows(
     config: TrainConfig, policy: QNetworkConfig, seen: Representation, spec: GameSpec
 ) -> TransitionSpec:
     """Shapes and types of the transitions that a run stores."""
-    dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
     state_size = policy.resolve_state_size() if config.learner.learns_from_replay else 0
-    others = count_others(config, spec)
-    return TransitionSpec(seen.shape, spec.num_actions, seen.num_uniform, dtype, state_size, others)
+    return describe_steps(seen, spec, state_size, count_others(config, spec))
 
 
 def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int]) -> MixedReplay:
@@ -86,6 +82,8 @@ def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int])
         burn_in_steps=replay.burn_in_steps if spec.state_size else 0,
         make_sampler=None if own else partial(REPLAY_SAMPLERS.make, replay.sampler),
     )
+    if REPLAY_SAMPLERS.is_outside(replay.sampler):
+        check_sampler(replay.sampler, settings, spec)
     real, capacity = make_replay_buffer(settings, spec), replay.generated_capacity_transitions
     if settings.sequence_steps == 1:
         generated = GeneratedReplay(spec, capacity, seeds[1])

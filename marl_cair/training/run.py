@@ -45,7 +45,7 @@ from marl_cair.training.initial_network import (
     make_replay,
 )
 from marl_cair.training.learner import Learner
-from marl_cair.training.outside_loss import check_loss
+from marl_cair.training.outside_trials import check_loss
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings import config_file
 from marl_cair.training.settings.checks import find_device

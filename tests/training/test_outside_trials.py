@@ -1,18 +1,22 @@
-"""Losses from outside: checked on zeros before the run's folder exists."""
+"""Losses, samplers and generators from outside: tried on zeros before the run's folder exists."""
 
 import pytest
 import torch
 
+from docs.extending.generator import MemoryGenerator
 from marl_cair.outside import OutsideCodeError
 from marl_cair.policies.config import QNetworkConfig
 from marl_cair.policies.q_network import make_q_network
+from marl_cair.replay.sampler import Sampler, UniformSampler, draw_uniformly
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.losses import DqnLoss, Loss, LossResult, PqnLoss
-from marl_cair.training.outside_loss import check_loss
+from marl_cair.training.outside_trials import check_loss
+from marl_cair.training.settings.config import GeneratorSettings
 from marl_cair.training.settings.learner import LearnerSettings
+from marl_cair.training.settings.replay import ReplaySettings
 from tests.training.runs import small, train
 
-HERE = "tests.training.test_outside_loss"
+HERE = "tests.training.test_outside_trials"
 SEEN = []  # keys, dtypes and shapes of a row, of each batch of the losses below
 
 
@@ -106,10 +110,104 @@ class WordyFlag(DqnLoss):
     HAS_TARGET_NETWORK = "no"
 
 
+class Fewer(Sampler):
+    """Draws too few slots."""
+
+    def sample(self, storage, batch_size):
+        return draw_uniformly(storage, batch_size // 2, self.generator), {}
+
+
+class Floats(Sampler):
+    """Draws slots that are no integers."""
+
+    def sample(self, storage, batch_size):
+        return torch.zeros(batch_size), {}
+
+
+class NoSize(Sampler):
+    """Has another signature."""
+
+    def sample(self, storage):
+        return torch.zeros(1, dtype=torch.int64), {}
+
+
+class Lost(Sampler):
+    """Draws a slot that the replay does not have."""
+
+    def sample(self, storage, batch_size):
+        return torch.full((batch_size,), 10**6), {}
+
+
+class Stubborn(UniformSampler):
+    """Cannot take errors."""
+
+    def update(self, index, td_error):
+        raise LookupError("no such slot")
+
+
+class Silent(MemoryGenerator):
+    """Returns no losses."""
+
+    def update(self, batch):
+        return None
+
+
+class Sure(MemoryGenerator):
+    """Accepts with a number."""
+
+    def predict(self, starts):
+        return super().predict(starts)[0], 1.0
+
+
+class Objects(MemoryGenerator):
+    """Has a state that no file holds."""
+
+    def state_dict(self):
+        return {**super().state_dict(), "object": self}
+
+
 def make(folder, kind, memory="none"):
     policy = QNetworkConfig(hidden_width=8, memory=memory, norm="layer")
     learner = LearnerSettings(f"{HERE}:{kind}", batch_size=16, n_steps=4)
     return small(folder, "duel", policy=policy, learner=learner)
+
+
+@pytest.mark.usefixtures("test_game")
+@pytest.mark.parametrize("memory", ["none", "lstm"])
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("Fewer", r"is int64 .* expected int64"),
+        ("Floats", r"slots of the replay sampler is float32 .* expected int64"),
+        ("NoSize", "replay.sampler=.*NoSize failed on a replay of zeros: TypeError: .*takes 2"),
+        ("Lost", "Lost failed on a replay of zeros: IndexError"),
+        ("Stubborn", r"LookupError: no such slot \(.*test_outside_trials.py, line \d+\)"),
+    ],
+)
+def test_a_wrong_sampler_is_refused_before_the_folder_exists(tmp_path, kind, message, memory):
+    replay = ReplaySettings(
+        sampler=f"{HERE}:{kind}", capacity_transitions=2_000, min_transitions=64
+    )
+    policy = QNetworkConfig(hidden_width=8, memory=memory)
+    with pytest.raises(OutsideCodeError, match=message):
+        train(small(tmp_path / "run", "duel", policy=policy, replay=replay))
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.usefixtures("test_game")
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("Silent", "update returned None, it must return losses by name"),
+        ("Sure", r"predict returned 1.0, it must return transitions, and bool \[N\]"),
+        ("Objects", "Objects failed on transitions of zeros: .*plain data"),
+    ],
+)
+def test_a_wrong_generator_is_refused_before_the_folder_exists(tmp_path, kind, message):
+    generator = GeneratorSettings(name=f"{HERE}:{kind}")
+    with pytest.raises(OutsideCodeError, match=message):
+        train(small(tmp_path / "run", "duel", generator=generator, synthetic_fraction=0.2))
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.usefixtures("test_game")

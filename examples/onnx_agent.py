@@ -9,6 +9,7 @@ from marl_cair import GAMES
 from marl_cair.games.checks.scenario import restore_fields
 from marl_cair.league.agents.foreign import ForeignAgent
 from marl_cair.league.play.match import play_match
+from marl_cair.league.play.solo import play_alone
 
 
 class OnnxAgent:
@@ -31,14 +32,19 @@ class OnnxAgent:
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", help="agent.onnx")
-    parser.add_argument("--opponent", default="random", help="a bot")
+    parser.add_argument("--opponent", default="random", help="a bot, in games with opponents")
     parser.add_argument("--games", type=int, default=20)
     options = parser.parse_args()
     exported = OnnxAgent(options.file)
     game = GAMES[exported.about["game"]]
     fields = restore_fields(json.loads(exported.about["scenario_options"]))
     scenario = game.scenario(exported.about["scenario"], **fields)
-    agent = ForeignAgent(exported, options.file, game.make_spec(scenario), options.file)
+    spec = game.make_spec(scenario)
+    agent = ForeignAgent(exported, options.file, spec, options.file)
+    if spec.num_teams == 1:
+        alone = play_alone(agent, game, scenario, options.games, 0)
+        print(f"{agent.name}: mean score {alone.scores.mean():.3f} in {alone.games} games")
+        return
     match = play_match(
         agent, game.bot(options.opponent, scenario), game, scenario, options.games, 0
     )

@@ -57,7 +57,8 @@ class AgentDescription:
 
     Attributes:
         name: for tables.
-        game, game_version, scenario: where it was trained; `scenario_options` are all its fields.
+        game, game_version, scenario: where it was trained; `scenario_options` are all its fields,
+            with the reward that was learned from (until 28 November 2026 the rated one).
         representation, observation_shape, action_names: of its observations and actions.
         network: `QNetworkConfig.to_dict()`.
         frames, updates: of training in its run.

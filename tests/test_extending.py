@@ -182,6 +182,9 @@ def installed(tmp_path_factory):
 @pytest.mark.slow
 def test_the_game_is_listed_and_the_command_of_the_page_runs(installed):
     assert "tug_of_war" in json.loads(read_output(installed, *MARL_CAIR, "games", "--json"))
+    words = "train", "game=tug_of_war", "policy=mlp", "--cfg", "job"
+    assert "representation: vector" in read_output(installed, *MARL_CAIR, *words)
+    assert "flash, tug_of_war" in read_output(installed, *MARL_CAIR, "train", "--help")
     page = (ROOT / "docs/extending.md").read_text("utf-8")
     (command,) = re.findall(r"^marl-cair (match puller .*)$", page, re.MULTILINE)
     assert "puller" in read_output(installed, *MARL_CAIR, *command.split())

@@ -11,6 +11,7 @@ from torch import nn
 
 from marl_cair import outside, policies
 from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, save_agent
+from marl_cair.league.agents.allowed_code import require_allowed
 from marl_cair.lookup import LazyTable, UnknownNameError
 from marl_cair.outside import CodeNotAllowedError, OutsideCodeError
 from marl_cair.policies.body import Body
@@ -296,4 +297,5 @@ def test_allowed_names_are_kept_once(monkeypatch):
     outside.allow_code("a:B", "c:D")
     outside.allow_code("a:B")
     assert os.environ[outside.ALLOWED] == "a:B,c:D"
+    require_allowed(["c:D"], False, "config.yaml")  # in every file
     assert issubclass(Body, nn.Module)

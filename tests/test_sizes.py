@@ -21,8 +21,8 @@ MAX_LINES = {
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_360,
-    "": 1_980,  # the modules that every part may import
+    "cli": 4_380,
+    "": 1_985,  # the modules that every part may import
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 
@@ -67,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments[0] == "--version":
         sys.stdout.write(f"marl_cair {__version__}\n")
         return EXIT_DONE
+    # Threads of torch wait for one another: beside other programs several take ten times as long.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         run = find_by_name("command", arguments[0], COMMANDS)
         with interrupts_raised():

@@ -19,11 +19,12 @@ from typing import Any, NamedTuple
 
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
+from marl_cair.games.game import Game
 from marl_cair.generative import GENERATORS
 from marl_cair.lookup import check_name
 from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
-from marl_cair.training.settings.config import TrainConfig
+from marl_cair.training.settings.config import GameSettings, TrainConfig
 from marl_cair.training.settings.config_file import build_config, build_value
 from marl_cair.training.settings.options import list_options
 
@@ -240,9 +241,16 @@ def list_opponents() -> dict[str, dict[str, Any]]:
 
 
 def list_games() -> dict[str, dict[str, Any]]:
-    """Settings of the group `game` by name."""
-    scenarios = GAMES.apply_to_all(lambda game: game.default_scenario)
-    return {name: {"name": name, "scenario": scenario} for name, scenario in scenarios.items()}
+    """Settings of the group `game` by name: the default scenario, and the first representation of
+    those without planes.
+    """
+
+    def describe(game: Game) -> dict[str, Any]:
+        seen = [*game.make_spec(game.scenario()).representations]
+        chosen = {} if GameSettings.representation in seen else {"representation": seen[0]}
+        return {"name": game.name, "scenario": game.default_scenario, **chosen}
+
+    return GAMES.apply_to_all(describe)
 
 
 _MORE_CHOICES: dict[str, Callable[[], Mapping[str, dict[str, Any]]]] = {

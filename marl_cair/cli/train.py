@@ -20,7 +20,10 @@ from marl_cair.cli.compose import (
 )
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.files import find_folder
+from marl_cair.games import GAMES
+from marl_cair.generative import GENERATORS
 from marl_cair.lookup import find_by_name
+from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import (
@@ -117,7 +120,10 @@ def describe_options() -> str:
     help takes a second more and has no meanings.
     """
     lines = [_USAGE, "== Configuration groups ==", ""]
-    lines += [f"  {group}: {', '.join(list_choices(group))}" for group in GROUPS[:-1]]
+    more = {"game": GAMES, "policy": NETWORKS, "generator": GENERATORS}  # also of other packages
+    for group in GROUPS[:-1]:
+        names = dict.fromkeys([*list_choices(group), *more.get(group, ())])
+        lines.append(f"  {group}: {', '.join(names)}")
     lines += ["    opponent also takes any bot of the game (marl-cair games) and these samplers:"]
     lines += ["    " + ", ".join(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS)]
     lines += ["", "  recipe (settings that were tested; other options override them):"]

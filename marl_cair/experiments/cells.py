@@ -23,8 +23,8 @@ from marl_cair.training.settings.config_file import build_value, to_plain
 
 CELLS, RUN = "cells", "run"
 CELL_FILE, DONE_FILE = "cell.json", "finished.txt"
-# One thread: as many cells run side by side as the machine has cores.
-DEFAULTS = ("torch_threads=1", "evaluation.record=false")
+# No games are recorded while training.
+DEFAULTS = ("evaluation.record=false",)
 # Options in frames that follow the budget of a plan that is scaled down.
 _SCHEDULES = (
     *("exploration.anneal_frames", "evaluation.every_frames", "opponent.warmup_frames"),

@@ -72,7 +72,6 @@ def make_config(settings: DemoSettings, network: str) -> TrainConfig:
             "seed": settings.seed,
             "total_frames": frames,
             "stop_score": settings.score,
-            "torch_threads": 1,
             "initial_generator": None if network == first else f"{settings.out}/{first}",
             "game": {"name": GAME, "scenario": SCENARIO},
             "policy": yaml.safe_load(policy.read_text("utf-8")),

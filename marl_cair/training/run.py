@@ -264,7 +264,7 @@ class TrainingRun:
             game=self.game.name,
             game_version=self.game.version,
             scenario=game.scenario,
-            scenario_options=dataclasses.asdict(self.scenario),
+            scenario_options=dataclasses.asdict(self.scenario) | {"reward": game.learned_reward},
             representation=self.seen.name,
             observation_shape=self.seen.shape,
             action_names=self.spec.action_names,

@@ -226,10 +226,12 @@ def _update(run: TrainingRun, batch: TensorDict, done: float) -> None:
         path = run.folder / DIVERGED_FILE
         with suppress(OSError):  # a full disk must not hide the error
             save_tensors(batch.flatten_keys(".").to_dict(), path)
+        latest = run.folder / LATEST_FOLDER
+        more = f"; initial_agent={latest} continues from the last saved agent"
         raise DivergedError(
             f"training has diverged at frame {run.frames}: {error}; the batch is in {path}. Start "
-            "in another folder with a smaller learner.learning_rate or learner.max_grad_norm; "
-            f"initial_agent={run.folder / LATEST_FOLDER} continues from the last saved agent"
+            "in another folder with a smaller learner.learning_rate or learner.max_grad_norm"
+            f"{more if latest.is_dir() else ''}"
         ) from error
 
 

@@ -100,7 +100,7 @@ def test_a_game_of_the_window_is_discounted_by_ticks(agent, tmp_path, capsys):
     assert main([*words, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert f"in seat 1 of {path}: not finished after 40 steps" in printed
-    assert f"(gamma {0.9**0.1:g})" in printed
+    assert f"(gamma {0.9**0.1:g}, reward sparse)" in printed
     assert (out / "film.gif").is_file()
 
 

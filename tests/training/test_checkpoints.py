@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from marl_cair.checkpoint import CheckpointError, load_network, load_tensors, save_tensors
-from marl_cair.league.agents.load import load_agent
+from marl_cair.league.agents.load import find_scenario, load_agent
 from marl_cair.training.state_file import STATE_FILE
 from tests.damage import forget_checksums
 from tests.training.runs import GAME, tiny, train
@@ -23,6 +23,8 @@ class TestCheckpoints:
     def test_an_agent_plays_what_it_was_trained_on(self, agent):
         network, about = load_network(agent)
         assert about.scenario == "11x11"
+        assert about.scenario_options["reward"] == "shaped"  # that it learned from
+        assert find_scenario([str(agent)])[2]["reward"] == GAME.rated_reward
         assert network.num_actions == len(about.action_names)
         assert load_agent(agent).representation == "planes"
 

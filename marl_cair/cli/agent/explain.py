@@ -94,7 +94,7 @@ def run(arguments: Sequence[str]) -> int:
             f"{options.agent} has no action values: give the folder of a greedy checkpoint"
         )
     gamma, scale = read_discount(options.agent)
-    gamma = gamma if options.gamma is None else options.gamma
+    trained_gamma, gamma = gamma, gamma if options.gamma is None else options.gamma
     fields = find_trained(game, read_description(options.agent))
     if replay is None:
         opponent = load(options.opponent, game.name, scenario)
@@ -105,7 +105,7 @@ def run(arguments: Sequence[str]) -> int:
         gamma **= 1 / every  # of a step of the recording
     rewarded = {name: fields[name] for name in REWARD_FIELDS if name in fields}
     if "shaping_discount" in rewarded:
-        rewarded["shaping_discount"] **= 1 / every
+        rewarded["shaping_discount"] = trained_gamma ** (1 / every)
     explained = explain_game(agent, replay, rewarded, options.seat, every, scale)
     returns = explained.discount(gamma)
     names = save_all(explained, agent, returns, gamma, options.steps, Path(options.out))
@@ -113,7 +113,8 @@ def run(arguments: Sequence[str]) -> int:
     sys.stdout.write(
         f"{options.agent} {about}: {explained.ending} after {len(returns)} steps\n"
         f"largest value {largest.mean():.3f} on average, discounted return {returns.mean():.3f} "
-        f"(gamma {gamma:g}): overestimation {np.mean(largest - returns):+.3f}\n"
+        f"(gamma {gamma:g}, reward {fields['reward']}): "
+        f"overestimation {np.mean(largest - returns):+.3f}\n"
         f"{options.out}: {', '.join(names)}\n"
     )
     return EXIT_DONE

@@ -78,7 +78,7 @@ def require_allowed(
     """Raise CodeNotAllowedError if `sources`, named in the file `place`, hold code that is not
     allowed. Logs code that is allowed although the user has not named it.
     """
-    named = allow_code if isinstance(allow_code, frozenset) else frozenset()
+    named = {*outside.list_allowed(), *(() if isinstance(allow_code, bool) else allow_code)}
     held = [one for one in dict.fromkeys(sources) if is_code(one)]
     code = [one for one in held if one not in named]
     listed = ", ".join(map(clean_text, code))

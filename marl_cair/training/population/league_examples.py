@@ -65,7 +65,6 @@ _TINY: dict[str, Any] = {
     "main_exploiter": {"snapshot_every_frames": 512},
     "league_exploiter": {"snapshot_every_frames": 256},
     "training": {
-        "torch_threads": 1,
         "synthetic_fraction": 0.0,
         "game": {"scenario": "11x11", "options": {"max_ticks": 60}},
         "policy": {"hidden_width": 16},

@@ -240,7 +240,7 @@ class TrainConfig:
     initial_agent: str | None = None  # folder of one whose network begins; None: a new one
     initial_generator: str | None = None  # folder of a run whose generator begins; None: a new one
     device: Device = "cpu"  # of the networks: cpu, cuda or cuda:N; bits differ between devices
-    torch_threads: Threads | None = None  # None: as torch chooses; fixed numbers give equal bits
+    torch_threads: Threads | None = 1  # of a CPU; None: OMP_NUM_THREADS, or as torch chooses
     game: GameSettings = field(default_factory=GameSettings)
     policy: QNetworkConfig = field(default_factory=QNetworkConfig)
     opponent: OpponentSettings = field(default_factory=OpponentSettings)

@@ -15,7 +15,7 @@ MAX_LINES = {
     "self_play": 1_035,
     "league": 8_010,
     "training": 7_885,
-    "experiments": 1_790,
+    "experiments": 1_800,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,

@@ -75,7 +75,9 @@ def name_task(task: str) -> str:
 def _name_score(plan: Plan, task: str) -> str:
     rating = plan.tasks[task].rating
     if not rating.bots:
-        return f"{rating.number}, {rating.statistic}".replace("_", " ")
+        if rating.number == "ended":
+            return "share of games ended in time"
+        return f"{rating.statistic} {rating.number}".replace("_", " ")
     bot = rating.bots[0] if len(rating.bots) == 1 else "the hardest bot"
     return f"score against {bot}"
 
@@ -210,5 +212,7 @@ def _tidy(panel: Any) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    with atomic_path(path) as unfinished:
-        figure.savefig(unfinished, dpi=130)
+    """Write the picture, and the same as PDF beside it."""
+    for one in (path, path.with_suffix(".pdf")):
+        with atomic_path(one) as unfinished:
+            figure.savefig(unfinished, dpi=130)

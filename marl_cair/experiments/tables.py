@@ -14,6 +14,8 @@ from marl_cair.training.run_log import format_rows
 
 LOOKS, TABLE, LEVELS = "looks.csv", "table", "levels"
 Line = dict[str, str]
+# Columns of the LaTeX table that do not fit on a page; units are in its caption.
+_NOT_IN_LATEX = "unit", "seconds", "updates", "generated_share", "at the start"
 _LATEX = str.maketrans(
     {mark: f"\\{mark}" for mark in "%_&#${}"}
     | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
@@ -136,13 +138,16 @@ def _format_markdown(lines: Sequence[Line]) -> str:
 
 
 def _format_latex(lines: Sequence[Line], about: str) -> str:
-    names = _columns(lines)
+    names = [name for name in _columns(lines) if name not in _NOT_IN_LATEX]
     rows = [[line.get(name, "").translate(_LATEX) for name in names] for line in lines]
+    units = {line["task"]: line["unit"] for line in lines if line.get("unit")}
+    about = " ".join([about, *(f"{task}: {unit}." for task, unit in units.items())])
     head = " & ".join(name.translate(_LATEX) for name in names)
     body = "\n".join(f"{' & '.join(row)} \\\\" for row in rows)
     caption = about.translate(_LATEX)
     return (
-        f"% needs \\usepackage{{booktabs}}\n\\begin{{table}}\n\\caption{{{caption}}}\n"
+        "% needs \\usepackage{booktabs}\n\\begin{table}\n\\centering\n\\small\n"
+        f"\\caption{{{caption}}}\n"
         f"\\begin{{tabular}}{{{'l' * len(names)}}}\n\\toprule\n{head} \\\\\n\\midrule\n{body}\n"
         "\\bottomrule\n\\end{tabular}\n\\end{table}\n"
     )

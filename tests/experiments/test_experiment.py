@@ -170,7 +170,7 @@ def test_a_plan_is_run_in_a_process_and_shown_again(finished):
     assert "| maze | oracle | 1 |" in result.text
     assert [row["seed"] for row in read_looks(out / "looks.csv")] == ["0"]
     assert {path.name for path in out.iterdir()} >= {
-        *("looks.csv", "table.md", "table.csv", "table.tex", "figure.png"),
+        *("looks.csv", "table.md", "table.csv", "table.tex", "figure.png", "figure.pdf"),
     }
     assert (out / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert run(plan, out).text == result.text

@@ -44,7 +44,8 @@ def test_a_table_is_written_in_three_forms(plan, tmp_path):
     assert [float(first[f"score{end}"]) for end in ("", "_low", "_high")] == [60, 50, 70]
     assert (second["score"], second["score_low"]) == ("99.0", "")
     latex = (tmp_path / "table.tex").read_text("utf-8")
-    assert r"maze & dqn & \% won & 78 & 2 & 512 & 60.0 [50.0, 70.0] \\" in latex
+    assert r"maze & dqn & 78 & 2 & 512 & 60.0 [50.0, 70.0] \\" in latex
+    assert r"Two seeds. maze: \% won.}" in latex
     assert not (tmp_path / "levels.md").exists()
 
 

@@ -56,6 +56,12 @@ class Nothing(Mean):
     def forward(self, planes):
         pass
 
+class Counting(Mean):
+    calls = 0
+    def forward(self, planes):
+        self.calls += 1
+        return super().forward(planes) + self.calls
+
 class Crashing(Mean):
     def forward(self, planes):
         raise KeyError("lost")
@@ -135,6 +141,7 @@ def test_a_body_of_a_module_may_have_a_memory():
         ("mine:Endless", "dueling", "mine:Endless gave numbers that are not finite"),
         ("mine:Nothing", "dueling", "mine:Nothing gave a NoneType"),
         ("mine:Crashing", "dueling", "mine:Crashing failed on observations .*KeyError: 'lost'"),
+        ("mine:Counting", "dueling", "mine:Counting gave other values in a second call"),
         ("mine:Signature", "dueling", "mine:Signature failed when it was made: TypeError"),
         ("mine:Module", "dueling", "mine:Module is .* a subclass of marl_cair.policies.body.Body"),
         ("mine:number", "dueling", "mine:number is 3, it must be a subclass"),

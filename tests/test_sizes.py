@@ -9,7 +9,7 @@ MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
     "games": 21_695,
-    "policies": 2_460,
+    "policies": 2_465,
     "replay": 2_450,
     "generative": 3_385,
     "self_play": 1_035,

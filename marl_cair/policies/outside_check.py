@@ -19,10 +19,11 @@ _NUM_ROWS = 2
 
 @torch.no_grad()
 def check_outside(network: QNetwork) -> None:
-    """Run a network with a body or head from outside once, on two observations of zeros.
+    """Run a network with a body or head from outside twice, on two observations of zeros.
 
-    Raises OutsideCodeError with the class's name if it fails, or its output is not float32 of shape
-    [N, num_features] (body) or [N, num_actions] (head), or not finite. Other networks are not run.
+    Raises OutsideCodeError with the class's name if it fails, its output is not float32 of shape
+    [N, num_features] (body) or [N, num_actions] (head), or not finite, or a second call gives other
+    values: it would remember or draw. Other networks are not run.
     """
     names = network.config.body, network.config.head
     parts: list[tuple[str, nn.Module, int]] = []
@@ -40,7 +41,9 @@ def check_outside(network: QNetwork) -> None:
     what = f"{named} failed on observations of zeros of shape {list(seen.shape)}"
     try:
         with outside_call(what), torch.random.fork_rng(devices=[]):
-            network(seen, torch.zeros(_NUM_ROWS, network.state_size) if network.memory else None)
+            state = torch.zeros(_NUM_ROWS, network.state_size) if network.memory else None
+            for _ in range(2):
+                network(seen, state)
     finally:
         for hook in hooks:
             hook.remove()
@@ -48,7 +51,7 @@ def check_outside(network: QNetwork) -> None:
 
 
 def _make_check(name: str, size: int) -> Callable[[nn.Module, Any, Any], None]:
-    wanted = [_NUM_ROWS, size]
+    wanted, before = [_NUM_ROWS, size], list[Tensor]()
 
     def check(part: nn.Module, inputs: Any, output: Any) -> None:
         if not isinstance(output, Tensor):
@@ -57,7 +60,10 @@ def _make_check(name: str, size: int) -> Callable[[nn.Module, Any, Any], None]:
             given = f"{output.dtype} of shape {list(output.shape)}"
         elif not bool(torch.isfinite(output).all()):
             given = "numbers that are not finite (NaN or infinite)"
+        elif before and not torch.equal(output, before[0]):
+            given = "other values in a second call (it may remember or draw in training only)"
         else:
+            before.append(output)
             return
         raise OutsideCodeError(
             f"{name} gave {given} for {_NUM_ROWS} observations of zeros; its forward must return "

@@ -10,7 +10,7 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_695,
     "policies": 2_465,
-    "replay": 2_450,
+    "replay": 2_460,
     "generative": 3_385,
     "self_play": 1_035,
     "league": 8_010,

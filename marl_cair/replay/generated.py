@@ -1,5 +1,6 @@
 """Rings of generated rows: transitions, or sequences for networks with memory."""
 
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -81,6 +82,12 @@ class GeneratedReplay:
             raise RuntimeError("no generated transition to sample yet: extend the ring first")
         slots = draw_integers(len(self), num_rows, self._generator)
         return self._label({key: field.index_select(0, slots) for key, field in self._ring.items()})
+
+    def round_by_chance(self, number: float) -> int:
+        """`number` rounded up or down by chance, so that it is the mean; whole numbers stay."""
+        whole = math.floor(number)
+        drawn = torch.rand((), dtype=torch.float64, generator=self._generator)
+        return whole + int(drawn < number - whole)
 
     def _label(self, stored: Rows) -> TensorDict:
         """Rows [N] with all labels, from what is stored of them."""

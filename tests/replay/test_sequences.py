@@ -316,15 +316,18 @@ def make_mixture(fraction=0.2, alpha=0.0, seed=0, num_made=9, **settings):
     return MixedReplay(buffer, generated, fraction, **settings)
 
 
-@pytest.mark.parametrize(("fraction", "wanted"), [(0.0, 0), (0.2, 1), (0.5, 2), (0.9, 4)])
+@pytest.mark.parametrize(
+    ("fraction", "numbers"), [(0.0, {0}), (0.2, {0, 1}), (0.5, {2}), (0.9, {3, 4})]
+)
 @pytest.mark.parametrize("alpha", [0.0, 0.6])
-def test_a_batch_holds_the_rounded_number_of_generated_sequences(fraction, wanted, alpha):
+def test_a_batch_holds_its_share_of_generated_sequences(fraction, numbers, alpha):
     mixture = make_mixture(fraction, alpha)
     batch = mixture.sample()
     assert batch.shape == (4, 7)
     generated = batch["is_generated"]
     assert torch.equal(generated, generated[:, :1].expand(4, 7))
-    assert int(generated[:, 0].sum()) == wanted
+    wanted = int(generated[:, 0].sum())
+    assert wanted in numbers
     made = generated[:, 0]
     assert (batch["index"][made] == -1).all()
     assert (batch["index"][~made] >= 0).all()

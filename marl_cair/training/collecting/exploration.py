@@ -87,13 +87,16 @@ class _Checked(Exploration):
     ) -> Tensor:
         with outside_call(f"exploration.kind={self._name} failed"):
             actions = self._inner(values, action_mask, generator, frames)
-            is_fit = actions.dtype == torch.int64 and actions.shape == values.shape[:-1]
-            is_fit = is_fit and bool(action_mask.gather(-1, actions.unsqueeze(-1)).all())
-        if not is_fit:
+            fault = f"{actions.dtype} of shape {list(actions.shape)}"
+            if actions.dtype == torch.int64 and actions.shape == values.shape[:-1]:
+                is_known = (actions >= 0) & (actions < values.shape[-1])
+                known = actions.where(is_known, 0).unsqueeze(-1)
+                illegal = actions[~(is_known & action_mask.gather(-1, known).squeeze(-1))]
+                fault = f"the illegal action {int(illegal[0])}" if len(illegal) else ""
+        if fault:
             raise OutsideCodeError(
-                f"exploration.kind={self._name} gave {actions.dtype} of shape "
-                f"{list(actions.shape)} for {len(values)} rows, it must be a legal action of each, "
-                f"torch.int64 of shape {list(values.shape[:-1])}"
+                f"exploration.kind={self._name} gave {fault} for {len(values)} rows, it must give "
+                f"a legal action of each, torch.int64 of shape {list(values.shape[:-1])}"
             )
         return actions
 

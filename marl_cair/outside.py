@@ -18,6 +18,7 @@ from marl_cair.text import clean_text
 # Environment variable: names `module:attribute`, divided by commas, that files may make run.
 # Worker processes inherit it.
 ALLOWED = "MARL_CAIR_ALLOW_CODE"
+_IMPORTED = "MARL_CAIR_IMPORTED_CODE"  # the same for `agent.json` alone
 
 _NOT_THEIRS = "marl_cair", "torch", "tensordict"  # packages whose lines are not the user's
 
@@ -132,18 +133,18 @@ def allow_code(*places: str) -> None:
     """Let files, such as `agent.json` of a checkpoint, name the classes `module:attribute`, in this
     process and in those that it starts. Only for code that you trust.
     """
-    os.environ[ALLOWED] = ",".join(dict.fromkeys([*list_allowed(), *places]))
+    _add(ALLOWED, places)
 
 
 def require_known(places: Iterable[str], file: str | os.PathLike[str]) -> None:
     """Raise CodeNotAllowedError if one of `places`, which `file` names, is neither allowed nor of a
     module that this process has imported already.
     """
-    known = list_allowed()
+    known = *list_allowed(), *_read(_IMPORTED)
     missing = []
     for place in places:
         if place.partition(":")[0] in sys.modules:
-            allow_code(place)  # for the workers of this process
+            _add(_IMPORTED, [place])  # for the workers of this process
         elif place not in known:
             missing.append(place)
     if missing:
@@ -156,4 +157,12 @@ def require_known(places: Iterable[str], file: str | os.PathLike[str]) -> None:
 
 def list_allowed() -> list[str]:
     """The names that `allow_code` has allowed."""
-    return [place for place in os.environ.get(ALLOWED, "").split(",") if place]
+    return _read(ALLOWED)
+
+
+def _read(variable: str) -> list[str]:
+    return [place for place in os.environ.get(variable, "").split(",") if place]
+
+
+def _add(variable: str, places: Iterable[str]) -> None:
+    os.environ[variable] = ",".join(dict.fromkeys([*_read(variable), *places]))

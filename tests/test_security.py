@@ -112,8 +112,9 @@ class TestExperimentPlan:
         assert ran(here)
 
     def test_nor_do_files_of_its_cells(self, here, capsys):
-        cell = dataclasses.replace(list_cells(make_plan(seeds=[0]))[0], trainer=FUNCTION)
-        folder = here / "out" / "cells" / cell.name
+        cell, *_ = list_cells(make_plan(factors={"learner": {"dqn": OWN_BODY}}, seeds=[0]))
+        cell = dataclasses.replace(cell, agent=COMMAND, trainer=FUNCTION, name="../elsewhere")
+        folder = here / "out" / "cells" / "maze-dqn-0"
         folder.mkdir(parents=True)
         cell.save(folder)
         (here / "plan.yaml").write_text(yaml.safe_dump({**TINY, "seeds": [0]}), "utf-8")

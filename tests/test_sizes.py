@@ -14,15 +14,15 @@ MAX_LINES = {
     "generative": 3_385,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_890,
-    "experiments": 1_800,
+    "training": 7_910,
+    "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
     "cli": 4_380,
-    "": 1_985,  # the modules that every part may import
+    "": 1_990,  # the modules that every part may import
 }
 
 

@@ -139,7 +139,7 @@ def describe_options() -> str:
 _USAGE = f"""usage: marl-cair train [group=choice ...] [option=value ...]
        marl-cair train --multirun seed=0,1,2 policy=conv,capsule out=runs/sweep
        marl-cair train resume=FOLDER [total_frames=N] [max_minutes=M] [stop_score=S]
-                       [device=D] [allow_code=true]
+                       [device=D] [torch_threads=T] [allow_code=true]
 
 --multirun, -m    one run for each combination of values, in folders of their own below out=;
                   the same command again resumes them

@@ -77,7 +77,7 @@ def load_cell(folder: Path) -> Cell:
 
 def make_cells(plan: Plan, compose: Compose, scale: float, out: Path) -> list[Cell]:
     """Cells in running order: all of the first seed, then of the next. Those that have been begun
-    are read from `out`.
+    have the settings in `out`.
 
     compose: settings from lists of words, of which later ones override. scale: as of `scale_plan`.
 
@@ -90,10 +90,11 @@ def make_cells(plan: Plan, compose: Compose, scale: float, out: Path) -> list[Ce
         for seed in plan.seeds:
             folder = out / CELLS / f"{draft.name}-{seed}"
             if (folder / CELL_FILE).is_file():
-                cells.append(load_cell(folder))
-                continue
-            config = config or _compose(plan, draft, compose, scale)
-            own = dataclasses.replace(config, seed=seed, out=str(folder / RUN))
+                own = load_cell(folder).config  # all else is the plan's
+                _check_rating(plan.tasks[draft.task], own)
+            else:
+                config = config or _compose(plan, draft, compose, scale)
+                own = dataclasses.replace(config, seed=seed, out=str(folder / RUN))
             rating, how = plan.tasks[draft.task].rating, (draft.agent, draft.trainer)
             keys = folder.name, draft.task, draft.choices, seed
             cells.append(Cell(*keys, own, rating, plan.budget, plan.looks, *how))
@@ -105,8 +106,10 @@ def _compose(plan: Plan, draft: Draft, compose: Compose, scale: float) -> TrainC
     layers = [DEFAULTS, plan.words, task.words, *draft.words]
     try:
         for word in (word for words in layers for word in words):
-            name = word.partition("=")[0]
+            name = word.partition("=")[0].lstrip("+~")
             require(name not in _SET_HERE, "a word", word, f"left out: a plan sets {name} itself")
+            is_option = not name.startswith("hydra")  # Hydra's own import modules
+            require(is_option, "a word", word, "an option of `marl-cair train`")
         config = _set_length(compose(layers), plan.budget, scale)
         whole = "left out: each run trains for its whole budget"
         require(config.stop_score is None, "stop_score", config.stop_score, whole)

@@ -61,9 +61,9 @@ def _make_check(name: str, size: int) -> Callable[[nn.Module, Any, Any], None]:
         elif not bool(torch.isfinite(output).all()):
             given = "numbers that are not finite (NaN or infinite)"
         elif before and not torch.equal(output, before[0]):
-            given = "other values in a second call (it may remember or draw in training only)"
+            given = "other values in a second call (it may draw while `self.training` only)"
         else:
-            before.append(output)
+            before.append(output.clone())  # it may be a buffer that the next call fills
             return
         raise OutsideCodeError(
             f"{name} gave {given} for {_NUM_ROWS} observations of zeros; its forward must return "

@@ -1,7 +1,7 @@
 """Batches that mix an exact share of generated rows into real ones.
 
-TorchRL's ReplayBufferEnsemble takes its shares as probabilities, which hold on average only; its
-buffers would write ring slots into "index", where generated rows hold NO_INDEX.
+TorchRL's ReplayBufferEnsemble draws each row's buffer by chance; here a batch is at most one row
+off. Its buffers would write ring slots into "index", where generated rows hold NO_INDEX.
 """
 
 import os

@@ -6,6 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
+import torch
+
 from marl_cair.checkpoint import load_network, read_description, read_network_config
 from marl_cair.files import shorten_value
 from marl_cair.games.game import GameSpec, Representation
@@ -18,7 +21,7 @@ from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.generated import GeneratedReplay, GeneratedSequences
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training.generating.generators import count_others, describe_steps
+from marl_cair.training.generating.generators import count_others
 from marl_cair.training.outside_trials import check_sampler
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
@@ -62,7 +65,9 @@ def describe_rows(
 ) -> TransitionSpec:
     """Shapes and types of the transitions that a run stores."""
     state_size = policy.resolve_state_size() if config.learner.learns_from_replay else 0
-    return describe_steps(seen, spec, state_size, count_others(config, spec))
+    dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
+    others = count_others(config, spec)
+    return TransitionSpec(seen.shape, spec.num_actions, seen.num_uniform, dtype, state_size, others)
 
 
 def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int]) -> MixedReplay:

@@ -13,6 +13,8 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.checkpoint import load_tensors, save_tensors
+from marl_cair.games.game import GameSpec, Representation
+from marl_cair.generative import GENERATORS
 from marl_cair.generative.gate import GateReport
 from marl_cair.generative.generator import Generator
 from marl_cair.outside import OutsideCodeError, outside_call
@@ -20,10 +22,30 @@ from marl_cair.policies.q_network import QNetwork
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.transition import NO_ACTION, NO_OPPONENT, TransitionSpec, make_tensordict
+from marl_cair.training.generating.generators import make_generator
 from marl_cair.training.losses import Loss, LossResult
+from marl_cair.training.settings.config import GeneratorSettings, TrainConfig
 from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 
 _NUM_ROWS, _NUM_STEPS = 2, 3  # of a batch, and of its sequences
+_NUM_OBSERVED = 512  # transitions that a generator is shown
+
+
+def check_outside(
+    config: TrainConfig,
+    network: QNetwork,
+    seen: Representation,
+    spec: GameSpec,
+    rows: TransitionSpec,
+) -> None:
+    """Try the loss and the generator of a run, where they are from outside. Raises
+    OutsideCodeError as `check_loss` and `check_generator`.
+    """
+    check_loss(config.learner, network, rows)
+    is_outside = GENERATORS.is_outside(config.generator.name)
+    generator = make_generator(config, seen, spec, 0, None) if is_outside else None
+    if generator is not None:
+        check_generator(config.generator, generator, rows)
 
 
 def check_loss(settings: LearnerSettings, network: QNetwork, spec: TransitionSpec) -> None:
@@ -61,15 +83,15 @@ def check_loss(settings: LearnerSettings, network: QNetwork, spec: TransitionSpe
         )
 
 
-def _make_rows(spec: TransitionSpec) -> TensorDict:
-    """Transitions [2] of zeros, but for one reward; every action is legal."""
+def _make_rows(spec: TransitionSpec, num_rows: int) -> TensorDict:
+    """Transitions [N] of zeros, but for one reward; every action is legal."""
     rows = {
-        key: torch.zeros(_NUM_ROWS, *size, dtype=kind)
-        for key, (kind, size) in spec.fields().items()
+        key: torch.zeros(num_rows, *size, dtype=kind) for key, (kind, size) in spec.fields().items()
     }
     for key in ("action_mask", ("next", "action_mask"), "steps_to_next_obs"):
         rows[key].fill_(1)
     rows["expert_action"].fill_(NO_ACTION)
+    rows["index"] = torch.arange(num_rows)
     rows["next", "reward"][-1] = 1.0
     return make_tensordict(rows)
 
@@ -83,11 +105,12 @@ def check_sampler(name: str, config: ReplayConfig, spec: TransitionSpec) -> None
     num_steps = config.batch_size + 2 * config.sequence_steps + config.n_steps
     small = replace(config, capacity_transitions=4 * num_steps, scratch_dir=None)
     replay = make_replay_buffer(small, spec)
-    with outside_call(f"replay.sampler={name} failed on a replay of zeros"):
+    what = f"replay.sampler={name} failed on a replay of zeros"
+    with outside_call(what), torch.random.fork_rng(devices=[]):
         replay.extend_rollout(_make_rollout(spec, num_steps))
         index = replay.sample()["index"]
         index = index if index.ndim == 1 else index[:, 0]
-        replay.update_priority(index, torch.zeros(len(index)), 0.5)
+        replay.update_priority(index, torch.ones(len(index)), 0.5)
         with TemporaryDirectory() as scratch:
             replay.save(Path(scratch) / "replay")
             replay.load(Path(scratch) / "replay")
@@ -95,63 +118,65 @@ def check_sampler(name: str, config: ReplayConfig, spec: TransitionSpec) -> None
 
 
 def _make_rollout(spec: TransitionSpec, num_steps: int) -> Rollout:
-    """Steps [T, 2] of zeros that do not end; every action is legal."""
-    size = num_steps, _NUM_ROWS
-    no_rows = torch.zeros(0, *spec.observation_shape, dtype=spec.observation_dtype)
+    """Steps [T, 2] of zeros, but for a reward in the middle, which ends the first game; every
+    action is legal.
+    """
+    size, middle = (num_steps, _NUM_ROWS), num_steps // 2
+    reward, terminated = torch.zeros(size), torch.zeros(size, dtype=torch.bool)
+    reward[middle, 0], terminated[middle, 0] = 1.0, True
     others = torch.zeros(*size, spec.num_others, dtype=torch.int64) if spec.num_others else None
     return Rollout(
         observation=torch.zeros(*size, *spec.observation_shape, dtype=spec.observation_dtype),
         action_mask=torch.ones(*size, spec.num_actions, dtype=torch.bool),
         action=torch.zeros(size, dtype=torch.int64),
-        reward=torch.zeros(size),
-        terminated=torch.zeros(size, dtype=torch.bool),
+        reward=reward,
+        terminated=terminated,
         truncated=torch.zeros(size, dtype=torch.bool),
         learned=torch.ones(size, dtype=torch.bool),
         expert_action=torch.full(size, NO_ACTION),
         opponent=torch.full(size, NO_OPPONENT, dtype=torch.int16),
-        final_step=torch.zeros(0, dtype=torch.int64),
-        final_observation=no_rows,
-        final_action_mask=torch.zeros(0, spec.num_actions, dtype=torch.bool),
+        final_step=torch.tensor([middle * _NUM_ROWS]),
+        final_observation=torch.zeros(1, *spec.observation_shape, dtype=spec.observation_dtype),
+        final_action_mask=torch.ones(1, spec.num_actions, dtype=torch.bool),
         state=torch.zeros(*size, spec.state_size) if spec.state_size else None,
         other_actions=others,
     )
 
 
-def check_generator(name: str, generator: Generator, spec: TransitionSpec) -> None:
-    """Call each method of a generator from outside once, on two transitions of zeros.
+def check_generator(
+    settings: GeneratorSettings, generator: Generator, spec: TransitionSpec
+) -> None:
+    """Show a generator from outside, made for this alone, 512 transitions of zeros, let it learn
+    from a batch and be evaluated, and save and load its state; if its gate then is open, let it
+    predict.
 
-    generator: one for this trial alone.
-    Raises OutsideCodeError with the class's name if one fails, or returns another kind.
+    Raises OutsideCodeError with the class's name if a method fails, or returns another kind.
     """
-    rows = _make_rows(spec)
-    starts = rows.select("observation", "action_mask", "action")
-    with outside_call(f"generator.name={name} failed on transitions of zeros"):
+    rows, name = _make_rows(spec, _NUM_OBSERVED), f"generator.name={settings.name}"
+    batch = rows[: settings.batch_size]
+    starts = batch.select("observation", "action_mask", "action")
+    what = f"{name} failed on transitions of zeros"
+    with outside_call(what), torch.random.fork_rng(devices=[]):
         generator.observe(rows)
-        losses: Any = generator.update(rows)
+        losses: Any = generator.update(batch)
         report: Any = generator.evaluate()
-        generator.generate(rows, _NUM_ROWS)
-        _, accepted = generator.predict(starts)
+        is_open = isinstance(report, GateReport) and report.passed
+        accepted: Any = generator.predict(starts)[1] if is_open else torch.zeros(len(batch)).bool()
         with TemporaryDirectory() as scratch:
             file = Path(scratch) / "generator.pt"
             save_tensors({**generator.export_knowledge(), **generator.state_dict()}, file)
             state = dict(load_tensors(file))
             generator.load_state_dict(state)
             generator.import_knowledge({key: state[key] for key in generator.export_knowledge()})
+    judged = isinstance(accepted, Tensor) and accepted.dtype == torch.bool
     wanted = {
         "update": (losses, isinstance(losses, dict), "losses by name"),
         "evaluate": (report, isinstance(report, GateReport), "a GateReport"),
-        "predict": (
-            accepted,
-            isinstance(accepted, Tensor)
-            and (accepted.dtype, accepted.shape) == (torch.bool, (_NUM_ROWS,)),
-            "transitions, and bool [N]",
-        ),
+        "predict": (accepted, judged and len(accepted) == len(batch), "transitions, and bool [N]"),
     }
     for method, (given, is_right, kind) in wanted.items():
         if not is_right:
-            raise OutsideCodeError(
-                f"generator.name={name}: {method} returned {given!r:.80}, it must return {kind}"
-            )
+            raise OutsideCodeError(f"{name}: {method} gave {given!r:.80}, it must return {kind}")
 
 
 def _find_fault(value: Any, shape: tuple[int, ...]) -> str:
@@ -169,7 +194,7 @@ def _make_zeros(loss: Loss, network: QNetwork, spec: TransitionSpec) -> TensorDi
     fields: dict[Any, tuple[torch.dtype, tuple[int, ...]]] = spec.fields()
     shape: tuple[int, ...] = (_NUM_ROWS,)
     if loss.LEARNS_FROM_REPLAY and not network.state_size:
-        return _make_rows(spec)
+        return _make_rows(spec, _NUM_ROWS)
     number, is_true = (torch.float32, ()), (torch.bool, ())
     places = network.values_shape[:-1]
     kept = {

@@ -71,8 +71,12 @@ def train(
 
     Raises: as `TrainingRun`.
     """
-    with closing(TrainingRun(config, resume, seat, load)) as run:
-        return _train(run, show_progress, listen, until_frames, watch)
+    usual = torch.get_num_threads()
+    try:
+        with closing(TrainingRun(config, resume, seat, load)) as run:
+            return _train(run, show_progress, listen, until_frames, watch)
+    finally:
+        torch.set_num_threads(usual)
 
 
 def _train(

@@ -40,12 +40,14 @@ def test_a_cell_is_read_back_as_it_was_written(cells, tmp_path):
         assert load_cell(tmp_path) == cell
 
 
-def test_a_cell_that_was_begun_is_not_composed_again(tmp_path):
+def test_a_cell_that_was_begun_keeps_its_settings_alone(tmp_path):
     begun, *_ = list_cells(make_plan(), tmp_path)
     folder = tmp_path / "cells" / begun.name
     folder.mkdir(parents=True)
-    dataclasses.replace(begun, agent="random").save(folder)
-    assert list_cells(make_plan(), tmp_path)[0].agent == "random"
+    config = dataclasses.replace(begun.config, torch_threads=3)
+    dataclasses.replace(begun, config=config, agent="random", name="../elsewhere").save(folder)
+    read, *_ = list_cells(make_plan(), tmp_path)
+    assert (read.config, read.agent, read.name) == (config, None, "maze-dqn-0")
 
 
 @pytest.mark.parametrize(
@@ -53,6 +55,7 @@ def test_a_cell_that_was_begun_is_not_composed_again(tmp_path):
     [
         ({"words": [*WORDS, "polcy=mlp"]}, "the cell maze-dqn cannot be run: unknown option"),
         ({"words": [*WORDS, "seed=3"]}, "a word is 'seed=3', it must be left out"),
+        ({"words": [*WORDS, "+hydra.searchpath=[pkg://a]"]}, "a word is '.hydra.* an option of"),
         ({"words": [*WORDS, "policy.head=quantile"]}, "maze-dqn cannot be run: policy.head is"),
         ({"tasks": change_task(rating={"bots": ["random"]})}, "left out: the game is played alone"),
         ({"tasks": change_task(agents=["orakle"], scale=[])}, "nearest are 'oracle'"),

@@ -198,8 +198,8 @@ def test_a_wrong_sampler_is_refused_before_the_folder_exists(tmp_path, kind, mes
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("Silent", "update returned None, it must return losses by name"),
-        ("Sure", r"predict returned 1.0, it must return transitions, and bool \[N\]"),
+        ("Silent", "update gave None, it must return losses by name"),
+        ("Sure", r"predict gave 1.0, it must return transitions, and bool \[N\]"),
         ("Objects", "Objects failed on transitions of zeros: .*plain data"),
     ],
 )

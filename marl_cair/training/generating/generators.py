@@ -10,7 +10,6 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from marl_cair.checkpoint import CheckpointError, load_tensors, save_tensors
@@ -24,8 +23,6 @@ from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.generative.thesis import ThesisGenerator
 from marl_cair.outside import OutsideCodeError
 from marl_cair.policies import NO_MEMORY
-from marl_cair.replay.transition import TransitionSpec
-from marl_cair.training import outside_trials
 from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 from marl_cair.training.settings.config_file import learned_fields
@@ -55,10 +52,7 @@ def make_generator(
                 f"set generator.name and synthetic_fraction (now {config.synthetic_fraction})"
             )
         return None
-    generator, name = _make(config, seen, spec, seed), config.generator.name
-    if GENERATORS.is_outside(name):
-        rows = describe_steps(seen, spec, 0, count_others(config, spec))
-        outside_trials.check_generator(name, _make(config, seen, spec, seed), rows)
+    generator = _make(config, seen, spec, seed)
     if source is not None:
         made_for = describe_task(GAMES[config.game.name], learned_fields(config), spec)
         load_knowledge(generator, source, made_for, config.generator.transfer)
@@ -71,15 +65,6 @@ def move_generator(generator: Generator | None, device: torch.device) -> None:
     for part in vars(own).values() if isinstance(own, CCDNGenerator | ThesisGenerator) else ():
         if isinstance(part, torch.nn.Module):
             part.to(device)
-
-
-def describe_steps(
-    seen: Representation, spec: GameSpec, state_size: int, num_others: int
-) -> TransitionSpec:
-    """Shapes and types of transitions of the game."""
-    dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
-    sizes = state_size, num_others
-    return TransitionSpec(seen.shape, spec.num_actions, seen.num_uniform, dtype, *sizes)
 
 
 def count_others(config: TrainConfig, spec: GameSpec) -> int:

@@ -24,9 +24,9 @@ from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import GameSettings, TrainConfig
 
 CONFIG_FILE = "config.yaml"
-# Options that a resumed run may change, with their types: its limits, and the device.
+# Options that a resumed run may change, with their types: its limits, and what it runs on.
 CHANGEABLE: dict[str, Any] = {"max_minutes": float | None, "stop_score": float | None}
-CHANGEABLE |= {"total_frames": int, "device": str}
+CHANGEABLE |= {"total_frames": int, "device": str, "torch_threads": int | None}
 
 
 def save_config(config: TrainConfig) -> None:

@@ -378,8 +378,7 @@ class TrainConfig:
         count = size // steps
         allowed = f"a multiple of replay.sequence_steps, which is {steps}, with policy.memory"
         require(size % steps == 0, "learner.batch_size", size, allowed)
-        made = count * self.synthetic_fraction  # in the mean; in a batch up to one more or fewer
-        mixes = 1 <= made <= count - 1 or not self.has_generator
+        mixes = 1 <= count * self.synthetic_fraction <= count - 1 or not self.has_generator
         allowed = f"so large that some of its {count} sequences are generated and some are real"
         require(mixes, "learner.batch_size", size, allowed)
         streams = self.collector.num_worlds * self.game.spec.num_players

@@ -104,6 +104,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setenv(outside.ALLOWED, "")
+    monkeypatch.setenv("MARL_CAIR_IMPORTED_CODE", "")
     (tmp_path / "mine.py").write_text(MODULE, "utf-8")
     yield tmp_path
     sys.modules.pop("mine", None)
@@ -259,6 +260,7 @@ def save(folder, network):
 
 def load_in_a_process(folder, **environment):
     code = f"from marl_cair.checkpoint import load_network; load_network({str(folder)!r})"
+    environment["MARL_CAIR_IMPORTED_CODE"] = ""  # by this process: workers inherit it
     return run_python(folder.parent, "-c", code, **environment)
 
 

@@ -1,6 +1,5 @@
 """Files run no code: for each kind of file, one that tries to, and what the user can allow."""
 
-import dataclasses
 import json
 import logging
 import os
@@ -11,9 +10,7 @@ import sys
 
 import pytest
 import torch
-import yaml
 
-from marl_cair import outside
 from marl_cair.checkpoint import CheckpointError, load_network
 from marl_cair.cli import main
 from marl_cair.league.agents.allowed_code import CodeNotAllowedError, is_code, require_allowed
@@ -33,42 +30,15 @@ from marl_cair.training.settings.demonstration import DemonstrationSettings
 from marl_cair.training.state_file import STATE_FILE
 from marl_cair.training.trainer import train
 from tests.damage import forget_checksums
-from tests.experiments.plans import TINY, list_cells, make_plan
 from tests.games import last_standing
 from tests.league.leagues import play_bots
 from tests.league.players import save_network
 from tests.refusals import assert_refused
+from tests.security.foreign_code import COMMAND, FUNCTION, ran
 from tests.training.leagues import make_league
 from tests.training.runs import tiny
 
-COMMAND = "process:sh -c 'touch pwned'"
-FUNCTION = "pwn:make"
-MODULE = """
-import pathlib
-pathlib.Path("pwned").touch()
-class Agent:
-    def act(self, observation, action_mask):
-        return action_mask.argmax(-1)
-def make(scenario, spec):
-    return Agent()
-"""
 EVERY_CODE = pytest.mark.parametrize("source", [COMMAND, FUNCTION])
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    """A current folder in which code that runs leaves a file `pwned`."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))  # loading a function adds the current folder
-    monkeypatch.delitem(sys.modules, "pwn", raising=False)
-    monkeypatch.setenv(outside.ALLOWED, "")
-    (tmp_path / "pwn.py").write_text(MODULE, "utf-8")
-    yield tmp_path
-    sys.modules.pop("pwn", None)
-
-
-def ran(folder):
-    return (folder / "pwned").exists()
 
 
 @pytest.fixture(scope="module")
@@ -93,33 +63,6 @@ def foreign_league(played, here):
         return folder
 
     return rename
-
-
-OWN_BODY = ["policy=conv", "representation=planes", f"policy.body={FUNCTION}"]
-
-
-class TestExperimentPlan:
-    @pytest.mark.parametrize(
-        "changes",
-        [{"others": {"mine": FUNCTION}}, {"factors": {"learner": {"own": OWN_BODY}}}],
-    )
-    def test_it_runs_no_code_unless_the_user_allows_it(self, here, capsys, changes):
-        (here / "plan.yaml").write_text(yaml.safe_dump({**TINY, **changes, "seeds": [0]}), "utf-8")
-        words = ["experiment", "plan.yaml", "--only", *(changes.get("others") or ["own"])]
-        assert_refused(capsys, f"names code, which runs only if you allow it: {FUNCTION}", *words)
-        assert not ran(here)
-        assert main([*words, "--allow-code"]) != 0  # it runs, and neither trains nor is a network
-        assert ran(here)
-
-    def test_nor_do_files_of_its_cells(self, here, capsys):
-        cell, *_ = list_cells(make_plan(factors={"learner": {"dqn": OWN_BODY}}, seeds=[0]))
-        cell = dataclasses.replace(cell, agent=COMMAND, trainer=FUNCTION, name="../elsewhere")
-        folder = here / "out" / "cells" / "maze-dqn-0"
-        folder.mkdir(parents=True)
-        cell.save(folder)
-        (here / "plan.yaml").write_text(yaml.safe_dump({**TINY, "seeds": [0]}), "utf-8")
-        assert_refused(capsys, FUNCTION, "experiment", "plan.yaml", "--out", "out")
-        assert not ran(here)
 
 
 class TestLeagueStore:
@@ -176,10 +119,12 @@ class TestLeagueStore:
 
     def test_its_triggers_cannot_call_what_is_unsafe(self, foreign_league, here):
         folder = foreign_league("random")
-        trigger = "AFTER INSERT ON rating_run BEGIN SELECT load_extension('./pwn'); END"
         database = sqlite3.connect(folder / STORE_FILE)
         with database:
-            database.execute(f"CREATE TRIGGER t {trigger}")
+            database.execute(
+                "CREATE TRIGGER t AFTER INSERT ON rating_run BEGIN "
+                "SELECT load_extension('./pwn'); END"
+            )
         database.close()
         with pytest.raises(ValueError, match="unsafe use of load_extension|not authorized"):
             report_stored(folder, with_replays=False)
@@ -203,9 +148,12 @@ class TestMixture:
 
     def change(self, folder, member):
         record = json.loads((folder / MIXTURE_FILE).read_text("utf-8"))
-        record["members"][1] = {"weight": 0.5} | member
+        record["members"][1] = {"weight": 0.5, **member}
         (folder / MIXTURE_FILE).write_text(json.dumps(record), "utf-8")
         forget_checksums(folder)
+
+    def test_one_that_was_saved_plays(self, folder):
+        assert len(load_agent(folder, "deep_line_wars", "11x11").members) == 2
 
     @EVERY_CODE
     def test_no_member_is_code(self, folder, here, source, capsys):
@@ -239,7 +187,7 @@ class TestMixture:
 
     def test_too_many_members_are_refused(self, folder):
         record = json.loads((folder / MIXTURE_FILE).read_text("utf-8"))
-        record["members"] *= 10_000
+        record["members"] = record["members"][1:] * 20_000
         (folder / MIXTURE_FILE).write_text(json.dumps(record), "utf-8")
         forget_checksums(folder)
         with pytest.raises(CheckpointError, match="it has 20000 members, it must have 1 to 256"):
@@ -257,10 +205,11 @@ class TestRun:
     def name_code(self, run, group, source):
         text = (run / "config.yaml").read_text("utf-8")
         head, found, rest = text.partition(f"\n{group}:\n")
+        assert found
         assert "  agents: {}" in rest
         shown = f"  agents:\n    bad: {json.dumps(source)}"
-        text = head + found + rest.replace("  agents: {}", shown, 1)
-        (run / "config.yaml").write_text(text, "utf-8")
+        rest = rest.replace("  agents: {}", shown, 1)
+        (run / "config.yaml").write_text(f"{head}{found}{rest}", "utf-8")
         forget_checksums(run)
 
     @EVERY_CODE
@@ -284,15 +233,24 @@ class TestRun:
         sys.modules.pop("pwn")
         words = ["train", f"resume={folder}", "total_frames=768"]
         assert_refused(capsys, "config.yaml names code, which runs only if you allow it", *words)
+        assert not ran(here)
         assert main([*words, "allow_code=true"]) == 0
         assert ran(here)
 
-    def test_permission_is_for_files_and_true_or_false(self, run, capsys):
+    @pytest.mark.slow
+    def test_a_run_without_code_needs_no_permission(self, run, capsys):
+        assert main(["train", f"resume={run}", "total_frames=1280"]) == 0
+
+    @pytest.mark.parametrize("word", ["allow_code=yes", "allow_code="])
+    def test_permission_is_true_or_false(self, run, capsys, word):
+        assert_refused(capsys, "it must be true or false", "train", f"resume={run}", word)
+
+    def test_permission_is_for_files(self, capsys):
         assert_refused(capsys, "is for resume=FOLDER", "train", "allow_code=true")
-        assert_refused(capsys, "it must be true or", "train", f"resume={run}", "allow_code=yes")
 
     def test_yaml_makes_no_objects(self, run, here):
-        path, text = run / "config.yaml", (run / "config.yaml").read_text("utf-8")
+        path = run / "config.yaml"
+        text = path.read_text("utf-8")
         evil = "seed: !!python/object/apply:os.system ['touch pwned']\n"
         path.write_text("\n".join(x for x in text.split("\n") if not x.startswith("seed:")) + evil)
         forget_checksums(run)
@@ -326,22 +284,25 @@ class TestCheckpoint:
             load_network(here / "network")
         assert not ran(here)
 
-    @pytest.mark.parametrize(
-        ("change", "message"),
-        [
-            (lambda about: about["network"].update(body=FUNCTION), "names code, which runs only"),
-            (lambda about: about["network"].update(body=COMMAND), "unknown"),
-            (lambda about: about.update(game=FUNCTION), "unknown game 'pwn:make'"),
-        ],
-    )
-    def test_networks_and_games_are_chosen_by_known_names(self, here, change, message):
+    @pytest.mark.parametrize("body", [FUNCTION, COMMAND])
+    def test_a_network_is_chosen_by_a_known_name(self, here, body):
         save_network(here / "network")
         path = here / "network" / "agent.json"
-        about = json.loads(path.read_text("utf-8"))
-        change(about)
-        path.write_text(json.dumps(about), "utf-8")
+        record = json.loads(path.read_text("utf-8"))
+        record["network"]["body"] = body
+        path.write_text(json.dumps(record), "utf-8")
         forget_checksums(here)
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(ValueError, match="unknown|names code, which runs only if you allow"):
+            load_agent(here / "network")
+        assert not ran(here)
+
+    def test_a_game_is_chosen_among_those_that_are_installed(self, here):
+        save_network(here / "network")
+        path = here / "network" / "agent.json"
+        record = json.loads(path.read_text("utf-8"))
+        path.write_text(json.dumps({**record, "game": "pwn:make"}), "utf-8")
+        forget_checksums(here)
+        with pytest.raises(ValueError, match="unknown game 'pwn:make'"):
             load_agent(here / "network")
         assert not ran(here)
 
@@ -389,8 +350,9 @@ class TestPlan:
 
 def test_agents_of_this_package_and_folders_are_no_code(here):
     (here / "pwn:folder").mkdir()
-    own = "marl_cair.games.deep_rts.teacher:make_teacher", "pwn:folder", "deep_line_wars/rusher"
-    assert not any(map(is_code, own))
+    assert not is_code("marl_cair.games.deep_rts.teacher:make_teacher")
+    assert not is_code("pwn:folder")
+    assert not is_code("deep_line_wars/rusher")
     assert is_code("marl_cair.cli:main")
     assert is_code(COMMAND)
 

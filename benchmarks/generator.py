@@ -60,7 +60,6 @@ def collect(folder: Path, device: str = "cpu") -> TrainingRun:
     run = TrainingRun(
         TrainConfig(
             out=str(folder),
-            torch_threads=1,
             device=device,
             game=GameSettings(scenario="10x15"),
             learner=LearnerSettings(batch_size=LEARNER_ROWS),
@@ -134,6 +133,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=25_000)
     parser.add_argument("--device", default="cpu")
     words = parser.parse_args()
+    torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
         run = collect(Path(folder) / "run", words.device)
         measured = measure(run, words.rows, words.repeats)

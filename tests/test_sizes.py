@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 3_385,
     "self_play": 1_035,
     "league": 8_010,
-    "training": 7_910,
+    "training": 7_905,
     "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,

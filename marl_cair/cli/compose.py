@@ -206,6 +206,11 @@ def list_choices(group: str) -> list[str]:
     return sorted(choices)
 
 
+def list_all_choices(group: str) -> list[str]:
+    """The YAML files of a group, then what is chosen without one: of installed packages too."""
+    return list(dict.fromkeys([*list_choices(group), *_MORE_CHOICES.get(group, dict)()]))
+
+
 def read_about(recipe: str) -> str:
     """A recipe's description: its second line, below Hydra's own."""
     return (CONF / "recipe" / f"{recipe}.yaml").read_text("utf-8").splitlines()[1].lstrip("# ")
@@ -314,9 +319,8 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
             ) from error
         name = full_name(word)
         if name in GROUPS:
-            known = [*list_choices(name), *_MORE_CHOICES.get(name, dict)()]
             for choice in value.strip("[]").split(","):
-                check_name(f"{name} (marl-cair train {name}=...)", choice, known)
+                check_name(f"{name} (marl-cair train {name}=...)", choice, list_all_choices(name))
             continue
         kinds = [path for path in options if name == path or name.startswith(f"{path}.")]
         check_name("option", kinds[0] if kinds else name, [*options, *SHORTHANDS, *GROUPS])

@@ -13,6 +13,7 @@ from marl_cair.cli.compose import (
     CONF,
     GROUPS,
     SHORTHANDS,
+    list_all_choices,
     list_choices,
     read_about,
     read_value,
@@ -20,10 +21,7 @@ from marl_cair.cli.compose import (
 )
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.files import find_folder
-from marl_cair.games import GAMES
-from marl_cair.generative import GENERATORS
 from marl_cair.lookup import find_by_name
-from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import (
@@ -120,9 +118,8 @@ def describe_options() -> str:
     help takes a second more and has no meanings.
     """
     lines = [_USAGE, "== Configuration groups ==", ""]
-    more = {"game": GAMES, "policy": NETWORKS, "generator": GENERATORS}  # also of other packages
     for group in GROUPS[:-1]:
-        names = dict.fromkeys([*list_choices(group), *more.get(group, ())])
+        names = (list_choices if group == "opponent" else list_all_choices)(group)
         lines.append(f"  {group}: {', '.join(names)}")
     lines += ["    opponent also takes any bot of the game (marl-cair games) and these samplers:"]
     lines += ["    " + ", ".join(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS)]

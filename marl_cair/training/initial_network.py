@@ -22,7 +22,7 @@ from marl_cair.replay.generated import GeneratedReplay, GeneratedSequences
 from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.generating.generators import count_others
-from marl_cair.training.outside_trials import check_sampler
+from marl_cair.training.outside_trials import try_sampler
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.exploration import EPSILON_GREEDY, NOISY
 from marl_cair.training.settings.learner import DQN
@@ -64,8 +64,8 @@ def describe_rows(
     config: TrainConfig, policy: QNetworkConfig, seen: Representation, spec: GameSpec
 ) -> TransitionSpec:
     """Shapes and types of the transitions that a run stores."""
-    state_size = policy.resolve_state_size() if config.learner.learns_from_replay else 0
     dtype = torch.uint8 if seen.dtype is np.uint8 else torch.float32
+    state_size = policy.resolve_state_size() if config.learner.learns_from_replay else 0
     others = count_others(config, spec)
     return TransitionSpec(seen.shape, spec.num_actions, seen.num_uniform, dtype, state_size, others)
 
@@ -88,7 +88,7 @@ def make_replay(config: TrainConfig, spec: TransitionSpec, seeds: Sequence[int])
         make_sampler=None if own else partial(REPLAY_SAMPLERS.make, replay.sampler),
     )
     if REPLAY_SAMPLERS.is_outside(replay.sampler):
-        check_sampler(replay.sampler, settings, spec)
+        try_sampler(replay.sampler, settings, spec)
     real, capacity = make_replay_buffer(settings, spec), replay.generated_capacity_transitions
     if settings.sequence_steps == 1:
         generated = GeneratedReplay(spec, capacity, seeds[1])

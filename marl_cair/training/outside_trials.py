@@ -31,7 +31,7 @@ _NUM_ROWS, _NUM_STEPS = 2, 3  # of a batch, and of its sequences
 _NUM_OBSERVED = 512  # transitions that a generator is shown
 
 
-def check_outside(
+def try_parts(
     config: TrainConfig,
     network: QNetwork,
     seen: Representation,
@@ -39,16 +39,16 @@ def check_outside(
     rows: TransitionSpec,
 ) -> None:
     """Try the loss and the generator of a run, where they are from outside. Raises
-    OutsideCodeError as `check_loss` and `check_generator`.
+    OutsideCodeError as `try_loss` and `try_generator`.
     """
-    check_loss(config.learner, network, rows)
+    try_loss(config.learner, network, rows)
     is_outside = GENERATORS.is_outside(config.generator.name)
     generator = make_generator(config, seen, spec, 0, None) if is_outside else None
     if generator is not None:
-        check_generator(config.generator, generator, rows)
+        try_generator(config.generator, generator, rows)
 
 
-def check_loss(settings: LearnerSettings, network: QNetwork, spec: TransitionSpec) -> None:
+def try_loss(settings: LearnerSettings, network: QNetwork, spec: TransitionSpec) -> None:
     """Call a loss from outside once, with copies of `network`, on two rows or sequences of zeros,
     but for one reward or target: a loss may divide by how rows differ.
 
@@ -96,7 +96,7 @@ def _make_rows(spec: TransitionSpec, num_rows: int) -> TensorDict:
     return make_tensordict(rows)
 
 
-def check_sampler(name: str, config: ReplayConfig, spec: TransitionSpec) -> None:
+def try_sampler(name: str, config: ReplayConfig, spec: TransitionSpec) -> None:
     """Let a replay sampler from outside draw a batch from a small replay, note TD errors, and save
     and load its state.
 
@@ -143,9 +143,7 @@ def _make_rollout(spec: TransitionSpec, num_steps: int) -> Rollout:
     )
 
 
-def check_generator(
-    settings: GeneratorSettings, generator: Generator, spec: TransitionSpec
-) -> None:
+def try_generator(settings: GeneratorSettings, generator: Generator, spec: TransitionSpec) -> None:
     """Show a generator from outside, made for this alone, 512 transitions of zeros, let it learn
     from a batch and be evaluated, and save and load its state; if its gate then is open, let it
     predict.

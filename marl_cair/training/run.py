@@ -45,7 +45,7 @@ from marl_cair.training.initial_network import (
     make_replay,
 )
 from marl_cair.training.learner import Learner
-from marl_cair.training.outside_trials import check_outside
+from marl_cair.training.outside_trials import try_parts
 from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings import config_file
 from marl_cair.training.settings.checks import find_device
@@ -88,8 +88,6 @@ class TrainingRun:
         self.config, self.seat = config, seat
         self.folder = Path(config.out)
         self._resumes = resume and files.find_folder(self.folder / RESUME_FOLDER).is_dir()
-        if config.torch_threads is not None:
-            torch.set_num_threads(config.torch_threads)
         memory.keep_freed_memory()
         self._claim = ExitStack()
         words = np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
@@ -207,7 +205,7 @@ class TrainingRun:
         network = make_initial_network(source, self.policy, wanted, seed=seeds[4])
         acts = self.spec.action_groups, self.spec.action_shape
         exploration = make_exploration(config.exploration, *acts)
-        check_outside(config, network, self.seen, self.spec, self.transition_spec)
+        try_parts(config, network, self.seen, self.spec, self.transition_spec)
         network = network.to(self.device)
         self.learner = Learner(network, config.learner, config.demonstration, seeds[16])
         random = MaskedEpsilonGreedy(seeds[5])  # its generator is that of the exploration

@@ -17,7 +17,7 @@ from marl_cair.checkpoint import LATEST_FOLDER, save_tensors
 from marl_cair.games.players.weak_bot import split_name
 from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents.load import load_agent
-from marl_cair.league.play.arena import Load
+from marl_cair.league.play.arena import Load, torch_threads
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
@@ -71,12 +71,11 @@ def train(
 
     Raises: as `TrainingRun`.
     """
-    usual = torch.get_num_threads()
-    try:
-        with closing(TrainingRun(config, resume, seat, load)) as run:
-            return _train(run, show_progress, listen, until_frames, watch)
-    finally:
-        torch.set_num_threads(usual)
+    with (
+        torch_threads(config.torch_threads),
+        closing(TrainingRun(config, resume, seat, load)) as run,
+    ):
+        return _train(run, show_progress, listen, until_frames, watch)
 
 
 def _train(

@@ -10,7 +10,7 @@ from marl_cair.policies.q_network import make_q_network
 from marl_cair.replay.sampler import Sampler, UniformSampler, draw_uniformly
 from marl_cair.replay.transition import TransitionSpec
 from marl_cair.training.losses import DqnLoss, Loss, LossResult, PqnLoss
-from marl_cair.training.outside_trials import check_loss
+from marl_cair.training.outside_trials import try_loss
 from marl_cair.training.settings.config import GeneratorSettings
 from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.settings.replay import ReplaySettings
@@ -251,6 +251,6 @@ def test_a_loss_of_actions_at_each_cell_is_called_with_their_masks():
     SEEN.clear()
     config = QNetworkConfig(hidden_width=8).with_actions([], [], (8, 9))
     network = make_q_network(config, (3, 8, 9), 5, seed=0)
-    check_loss(LearnerSettings(f"{HERE}:Newest"), network, TransitionSpec((3, 8, 9), 5))
+    try_loss(LearnerSettings(f"{HERE}:Newest"), network, TransitionSpec((3, 8, 9), 5))
     assert SEEN[0]["action"] == (torch.int64, (8, 9))
     assert SEEN[0]["action_mask"] == (torch.bool, (8, 9, 5))

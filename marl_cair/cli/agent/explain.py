@@ -93,8 +93,8 @@ def run(arguments: Sequence[str]) -> int:
         raise ValueError(
             f"{options.agent} has no action values: give the folder of a greedy checkpoint"
         )
-    gamma, scale = read_discount(options.agent)
-    trained_gamma, gamma = gamma, gamma if options.gamma is None else options.gamma
+    trained_gamma, scale = read_discount(options.agent)
+    gamma = trained_gamma if options.gamma is None else options.gamma
     fields = find_trained(game, read_description(options.agent))
     if replay is None:
         opponent = load(options.opponent, game.name, scenario)

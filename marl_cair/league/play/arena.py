@@ -39,14 +39,15 @@ class Batch(NamedTuple):
 
 
 @contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Compute networks on one thread: the number of threads changes how sums are rounded, and so,
-    rarely, a game. Worker processes share the cores anyway.
+def torch_threads(number: int | None) -> Iterator[None]:
+    """Compute networks on `number` threads (None: as before), which changes how sums are rounded,
+    and so, rarely, a game; afterwards the process has its own number again.
     """
     import torch  # seconds
 
     usual = torch.get_num_threads()
-    torch.set_num_threads(1)
+    if number is not None:
+        torch.set_num_threads(number)
     try:
         yield
     finally:
@@ -100,7 +101,7 @@ class Rules:
     ) -> list[PlayedGame]:
         """Games of whole chunks; see `blocks.play_blocks`. record: folder to record them in."""
         prints = [entrant.fingerprint for entrant in line_up]
-        with one_torch_thread():
+        with torch_threads(1):  # worker processes share the cores
             return blocks.play_blocks(
                 blocks.seat_line_up(line_up),
                 self.game,

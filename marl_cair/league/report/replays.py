@@ -20,7 +20,7 @@ from marl_cair.games.game import NO_WINNER, Agent
 from marl_cair.games.replays import Replay
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_fingerprint, read_source
-from marl_cair.league.play.arena import Load, Rules, one_torch_thread
+from marl_cair.league.play.arena import Load, Rules, torch_threads
 from marl_cair.league.play.blocks import Entrant, make_chunk, seat_line_up
 from marl_cair.league.play.playing import Step, line_up_seed, play_out, start_engine
 from marl_cair.league.ratings.groups import ELO_PER_LOGIT
@@ -249,7 +249,7 @@ class ReplayRenderer:
 
         map_seed = line_up_seed(rules.seed, [self._records[one].fingerprint for one in line_up])
         engine = start_engine(rules.game, rules.scenario, map_seed, (chunk,))
-        with one_torch_thread():
+        with torch_threads(1):
             ended = play_out(engine, (chunk,), seatings, rules.seed, keep)
         if ended.trajectories[world] != self.stored.trajectories[place]:
             raise ReplayDiffersError

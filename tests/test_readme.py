@@ -33,7 +33,7 @@ MAX_README_LINES = 180
 SHORTER = {
     "evaluate": "--games 2",
     "train": "total_frames=512 torch_threads=1 evaluation.games=2 collector.num_worlds=16 "
-    "replay.min_transitions=128 learner.batch_size=16 generator=none synthetic_fraction=0",
+    "replay.min_transitions=128 learner.batch_size=16 generator=none",
     "league": "--games 2 --no-replays",
 }
 

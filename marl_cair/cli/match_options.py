@@ -73,8 +73,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "default": LOCAL,
         "metavar": "WHERE",
         "help": "local: processes of this machine; ray: a Ray that is started here, with --workers "
-        "cores; ray:HOST:PORT: the machines of that Ray. Results do not depend on it (default: "
-        "%(default)s)",
+        "cores; ray:HOST:PORT, ray:auto: the machines of a Ray that runs there, or here. Results "
+        "do not depend on it (default: %(default)s)",
     },
     "--no-replays": {
         "action": "store_true",

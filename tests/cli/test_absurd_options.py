@@ -10,7 +10,7 @@ from marl_cair.training.settings.config_file import build_config
 from marl_cair.training.settings.options import list_options
 from tests.refusals import assert_refused
 
-BASE = ["train", "scenario=11x11", "generator=none", "synthetic_fraction=0"]
+BASE = ["train", "scenario=11x11", "generator=none"]
 ABSURD = (
     *(-1, 0, 1e30, 10**30, 1e308, -1e308, math.nan, math.inf, 1.5),
     *(True, "x", None, [1], {"a": 1}),

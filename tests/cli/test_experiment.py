@@ -13,7 +13,7 @@ from tests.processes import ROOT
 from tests.refusals import assert_refused
 
 PLAN = """
-words: [game=deep_maze, generator=none, synthetic_fraction=0]
+words: [game=deep_maze, generator=none]
 tasks: {maze: {rating: {games: 4}}}
 factors: {network: {conv: [policy=conv]}}
 budget: {seconds: 60}

@@ -9,7 +9,7 @@ from marl_cair.experiments.plan import Plan
 from marl_cair.training.settings.config_file import build_value
 
 WORDS = [
-    *("game=deep_maze", "scenario=7x7-stochastic", "generator=none", "synthetic_fraction=0"),
+    *("game=deep_maze", "scenario=7x7-stochastic", "generator=none"),
     *("max_ticks=30", "collector.num_worlds=8", "collector.steps_per_batch=8"),
     *("policy=mlp", "representation=vector", "policy.hidden_width=16", "learner.batch_size=16"),
     *("replay.min_transitions=64", "checkpoint.every_frames=256", "evaluation.bots=[]"),

@@ -99,7 +99,7 @@ def test_a_league_is_resumed(tmp_path, number):
 PROGRAM = """
 import sys
 from marl_cair.cli import main
-words = "train scenario=11x11 policy.hidden_width=8 generator=none synthetic_fraction=0 " \\
+words = "train scenario=11x11 policy.hidden_width=8 generator=none " \\
     "collector.num_worlds=8 replay.capacity_transitions=2000 replay.min_transitions=100 " \\
     "torch_threads=1 evaluation.bots=[] total_frames=1e9 opponent=random " \\
     "opponent.snapshot_every_frames=4000"

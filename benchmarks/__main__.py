@@ -10,7 +10,7 @@ from pathlib import Path
 
 NAMES = sorted(path.stem for path in Path(__file__).parent.glob("[!_]*.py"))
 # Benchmarks that run for hours, or need arguments: they run only when they are named.
-HOURS = ("capsule_scaling", "positions", "steps_to_level")
+HOURS = ("capsule_scaling", "positions", "steps_to_level", "time_shares")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -97,7 +97,8 @@ _CONDITIONS = (
         "end calibration error", "end/calibration_error", "max_terminal_ece", is_least=False
     ),
     _Condition("end AUC", "rare/end_auc", "min_terminal_auc", True),
-    _Condition("action mask accuracy", "mask/accuracy", "min_mask_accuracy", True),
+    # A generated mask belongs to the state that is generated with it, so here to the real one.
+    _Condition("action mask accuracy", "mask/given_next", "min_mask_accuracy", True),
 )
 
 

@@ -30,7 +30,7 @@ from marl_cair.generative.networks.ccdn import CCDN
 from marl_cair.generative.networks.frames import FrameCCDN
 from marl_cair.generative.quality import Imagined
 from marl_cair.generative.rare import Correction, RareCounts
-from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
+from marl_cair.generative.settings import MAX_ROUNDS, GeneratorConfig, GeneratorSpec
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.sampler import restore_generator
@@ -222,10 +222,12 @@ class CCDNGenerator:
         rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])
         made = self.imagine(rows)
         metrics = quality.measure_rows(rows, made, self.spec)
+        goes_on = ~rows["next", "terminated"][:, 0]
+        if goes_on.any():
+            metrics["mask/given_next"] = self._rate_masks(rows[goes_on])
         rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
         made_rare, is_rare = self.imagine(rare), self._find_rare(rare["next", "reward"][:, 0])
-        going_on = made.end[~rows["next", "terminated"][:, 0]]
-        metrics |= measure_rare(rare, made_rare, is_rare, going_on)
+        metrics |= measure_rare(rare, made_rare, is_rare, made.end[goes_on])
         half = len(rows) // 2
         ends = made_rare.end[rare["next", "terminated"][:, 0]]
         acceptance = tune_acceptance(made.select(slice(half)), ends, metrics, gate)
@@ -238,11 +240,17 @@ class CCDNGenerator:
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
         return self.last_report
 
+    def _rate_masks(self, rows: TensorDict) -> float:
+        """Share of right mask entries, by the real next states."""
+        parts = [self._move(part) for part in rows.split(CHUNK_ROWS)]
+        masks = [self.average.judge(part, _read_others(part)).mask > 0.0 for part in parts]
+        return float((torch.cat(masks).cpu() == rows["next", "action_mask"]).float().mean())
+
     def _find_rare(self, rewards: Tensor) -> Tensor:
         return self._counts.find_rare(rewards, torch.zeros_like(rewards, dtype=torch.bool))
 
     def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
-        """Return up to `num_rows` accepted transitions; fewer after `max_rounds` of proposals.
+        """Return up to `num_rows` accepted transitions; fewer after `MAX_ROUNDS` of proposals.
 
         Empty while the gate is shut. starts: real transitions, sampled with replacement;
         "observation", "action_mask", "action" and, if there, "other_actions" are read. Raises
@@ -252,7 +260,7 @@ class CCDNGenerator:
             raise ValueError("starts is empty: give one or more real transitions to start from")
         made, num_made = [make_empty_transitions(self.spec, 0)], 0
         random = self._generators[_GENERATING]
-        for _ in range(self.config.max_rounds if self._is_open else 0):
+        for _ in range(MAX_ROUNDS if self._is_open else 0):
             missing = num_rows - num_made
             if missing <= 0:
                 break

@@ -11,6 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.generator import Generator
+from marl_cair.generative.settings import MAX_ROUNDS
 from marl_cair.policies.actor import masked_argmax
 from marl_cair.replay import transition
 from marl_cair.replay.buffer import EpisodeReplayBuffer
@@ -51,7 +52,6 @@ class Rollouts:
     num_real: real steps; 0: the first step is generated too, by `Generator.generate`.
     num_generated: generated steps, 1 or more.
     gamma: discount per step.
-    max_rounds: of proposals in one call.
     """
 
     generator: Generator
@@ -59,7 +59,6 @@ class Rollouts:
     num_real: int
     num_generated: int
     gamma: float
-    max_rounds: int
 
     @torch.no_grad()
     def generate(self, real: EpisodeReplayBuffer, num_rows: int) -> TensorDict:
@@ -72,7 +71,7 @@ class Rollouts:
             return self.extend(first, self.num_generated - 1)
         made: list[TensorDict] = []
         missing = num_rows
-        for _ in range(self.max_rounds):
+        for _ in range(MAX_ROUNDS):
             if missing <= 0:
                 break
             made.append(self._continue_real(real, missing))

@@ -11,6 +11,9 @@ from marl_cair.policies.config import NO_CELL
 if TYPE_CHECKING:
     from marl_cair.replay.transition import TransitionSpec
 
+MAX_ROUNDS = 4  # of proposals in one call, if many are rejected
+_SLACK_OF_CELLS = 0.9  # of an open gate for changed cells, which vary by 0.03
+
 
 def _require(holds: bool, name: str, value: object, allowed: str) -> None:
     if not holds:
@@ -211,7 +214,6 @@ class GateConfig:
     min_mask_accuracy: float = 0.98  # of entries: a wrong entry shifts a max over many actions
     min_scalar_gain: float = -0.02  # accuracy of each uniform plane less that of a copy
     slack_when_open: float = 0.7  # of shares found or explained, which vary by 0.1
-    small_slack_when_open: float = 0.9  # of changed cells, which vary by 0.03
     evaluation_rows: int = 512  # held-out rows per evaluation; half of them tune the acceptance
     tail: float = 0.03  # share of predictions for real rows that are rejected as unsure
     certain_terminal: float = 0.8  # the network must be this sure of an end, or of none at least
@@ -219,11 +221,6 @@ class GateConfig:
     def __post_init__(self) -> None:
         for holds, name, allowed in (
             (0.0 < self.slack_when_open <= 1.0, "slack_when_open", "a share above 0, at most 1"),
-            (
-                0.0 < self.small_slack_when_open <= 1.0,
-                "small_slack_when_open",
-                "a share above 0, at most 1",
-            ),
             (
                 0.0 < self.max_terminal_overlooked <= 1.0,
                 "max_terminal_overlooked",
@@ -242,8 +239,8 @@ class GateConfig:
         auc_above_chance = max(0.0, self.min_terminal_auc - 0.5)
         return replace(
             self,
-            min_changed_f1=self.small_slack_when_open * self.min_changed_f1,
-            min_change_explained=self.small_slack_when_open * self.min_change_explained,
+            min_changed_f1=_SLACK_OF_CELLS * self.min_changed_f1,
+            min_change_explained=_SLACK_OF_CELLS * self.min_change_explained,
             min_reward_explained=slack * self.min_reward_explained,
             min_terminal_auc=self.min_terminal_auc - (1.0 - slack) * auc_above_chance,
             max_rare_missed=1.0 - slack * (1.0 - self.max_rare_missed),
@@ -262,7 +259,6 @@ class GeneratorConfig:
     heldout_capacity: int = 4096  # transitions; fewer hold only a part of each game
     counterfactual_share: float = 0.5  # of rows whose first step is generated take another action
     unknown_share: float = 0.1  # of rows trained without the other players' actions
-    max_rounds: int = 4  # of proposals in one call, if many are rejected
     seed: int = 0  # of weights and sampling; a training run gives its own
     size: NetworkSize = field(default_factory=NetworkSize)
     thesis: ThesisSize = field(default_factory=ThesisSize)
@@ -273,7 +269,6 @@ class GeneratorConfig:
         for name, least in (
             ("rare_capacity", 1),
             ("heldout_capacity", max(8, self.gate.min_heldout_rows)),  # an eighth is of rare rows
-            ("max_rounds", 1),
         ):
             value = getattr(self, name)
             _require(value >= least, name, value, f"{least} or more")

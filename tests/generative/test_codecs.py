@@ -186,7 +186,7 @@ def test_vectors_are_learned_generated_and_continued():
         made["next", "observation"][:, 0], made["observation"][:, 0], atol=0.02, rtol=0.0
     )
     starts = made["observation"].clone()
-    rollouts = Rollouts(generator, lambda _, mask: mask[:, 1].long(), 0, 2, 0.9, 4)
+    rollouts = Rollouts(generator, lambda _, mask: mask[:, 1].long(), 0, 2, 0.9)
     longer = rollouts.extend(made.clone(), 1)  # the second action is always a throw
     check_transitions(longer, spec)
     assert torch.equal(longer["observation"], starts)

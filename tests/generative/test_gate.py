@@ -25,7 +25,7 @@ GOOD = {
     "reward/explained": 0.95,
     "rare/num_rewards": 40.0, "rare/reward_missed": 0.1, "rare/num_ends": 20.0,
     "rare/end_auc": 0.99, "end/calibration_error": 0.001,
-    "mask/accuracy": 0.999,
+    "mask/given_next": 0.999,
 }  # fmt: skip
 
 
@@ -51,7 +51,7 @@ def make_imagined(surety=(0.0,), end=(0.0,), reward=(0.0,)):
         ({"end/calibration_error": 0.1}, "end calibration error 0.100 is above 0.020"),
         ({"rare/end_auc": 0.7}, "end AUC 0.700 is below 0.850"),
         ({"cells/change_explained": 0.5}, "explained share of change 0.500 is below 0.600"),
-        ({"mask/accuracy": 0.9}, "action mask accuracy 0.900 is below 0.980"),
+        ({"mask/given_next": 0.9}, "action mask accuracy 0.900 is below 0.980"),
         ({"scalars/least_gain": -0.3}, "gain of the worst scalar -0.300 is below -0.020"),
         ({"cells/moved": math.nan}, "cells/moved not finite: the network or the data hold NaN"),
     ],

@@ -48,9 +48,20 @@ def test_training_beats_the_copy_baseline_and_opens_the_gate(trained):
     metrics = report.metrics
     assert metrics["cells/changed_f1"] > 0.8  # copying scores 0
     assert metrics["mask/accuracy"] > 0.99
+    assert metrics["mask/given_next"] > 0.99
     assert metrics["accepted/share"] > 0.85  # two tests may turn away 3 % each, and noise
     for plane in (*SPEC.moving_planes, *range(SPEC.num_spatial, SPEC.num_planes)):
         assert metrics[f"plane_{plane}/accuracy"] > metrics[f"plane_{plane}/copy_accuracy"]
+
+
+def test_masks_are_judged_by_the_next_state_that_is_given(trained, real_rows):
+    rows, others = real_rows[:32].clone(), torch.zeros(32, 0, dtype=torch.int64)
+    following, _, outcome = trained.average.decode(rows, others, None)
+    rows["next", "observation"] = following
+    same = trained.average.judge(rows, others)
+    torch.testing.assert_close(same.mask, outcome.mask)
+    rows["next", "observation"] = following.flip(-1)
+    assert not torch.allclose(trained.average.judge(rows, others).mask, outcome.mask)
 
 
 def test_charts_of_the_dashboard_show_numbers_that_reports_hold(trained):

@@ -17,7 +17,7 @@ from tests.generative.conftest import SMALL
 from tests.generative.plane_game import INTERVAL, NOOP, SPEC, TIME_TO_INCOME
 
 CLOCK = SPEC.num_spatial + TIME_TO_INCOME
-GAMMA, ROUNDS = 0.5, 4
+GAMMA = 0.5
 
 
 def wait(observation, mask):
@@ -83,7 +83,7 @@ def test_rows_are_discounted_sums_up_to_the_end_or_to_a_rejection(start, unsure,
     others = torch.tensor([4, start, 8])  # rows are independent
     rows = make_steps(others, torch.ones(3, dtype=torch.int64))
     before = rows.clone()
-    made = Rollouts(generator, add_one, 0, 4, GAMMA, ROUNDS).extend(rows, 3)
+    made = Rollouts(generator, add_one, 0, 4, GAMMA).extend(rows, 3)
     row = made[1]
     assert row["steps_to_next_obs"].tolist() == [steps]
     assert float(row["next", "reward"]) == total
@@ -123,7 +123,7 @@ def climb(num_floors):
 def test_real_steps_are_continued_and_earlier_ends_are_generated(num_real, num_generated):
     generator = CountingGenerator(SMALL, SPEC)
     generator.unsure = (6,)
-    rollouts = Rollouts(generator, add_one, num_real, num_generated, GAMMA, ROUNDS)
+    rollouts = Rollouts(generator, add_one, num_real, num_generated, GAMMA)
     made = rollouts.generate(climb(20), 300)
     assert 200 < len(made) <= 300
     for row in made:
@@ -146,7 +146,7 @@ def test_real_steps_are_continued_and_earlier_ends_are_generated(num_real, num_g
 def test_branches_are_one_step_rows_up_to_an_end_or_a_rejection():
     generator = CountingGenerator(SMALL, SPEC)
     generator.unsure = (6,)
-    made = Rollouts(generator, add_one, 0, 1, GAMMA, ROUNDS).branch(climb(20), 900, 3)
+    made = Rollouts(generator, add_one, 0, 1, GAMMA).branch(climb(20), 900, 3)
     assert (made["steps_to_next_obs"] == 1).all()
     now, later = (made[key].flatten(1).amax(1) for key in ("observation", ("next", "observation")))
     assert torch.equal(later, now + 1)
@@ -162,7 +162,7 @@ def test_branches_are_one_step_rows_up_to_an_end_or_a_rejection():
 @pytest.mark.slow
 def test_a_trained_generator_continues_like_the_game(trained, real_rows):
     generator = copy.deepcopy(trained)
-    rollouts = Rollouts(generator, wait, 0, 4, GAMMA, ROUNDS)
+    rollouts = Rollouts(generator, wait, 0, 4, GAMMA)
     made = rollouts.extend(generator.generate(real_rows[:500], 300), 3)
     check_transitions(made, SPEC.transition)
     steps = made["steps_to_next_obs"].squeeze(1)

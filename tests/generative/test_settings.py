@@ -36,7 +36,6 @@ FRAMES = {"observation_shape": (3, 16, 16), "num_uniform": 1, "num_frames": 2}
         (GateConfig(), {"certain_terminal": 0.4}, "0.4, expected 0.5 up to below 1"),
         (GateConfig(), {"min_terminals": 0}, "min_terminals is 0, expected 1 or more"),
         (GateConfig(), {"min_rare_rows": 0}, "min_rare_rows is 0, expected 1 or more"),
-        (GateConfig(), {"small_slack_when_open": 1.1}, "1.1, expected a share above 0, at most 1"),
         (GateConfig(), {"slack_when_open": 0.0}, "^slack_when_open is 0.0, expected a share"),
     ],
 )

@@ -307,6 +307,13 @@ class CCDN(nn.Module):
         return following, surety, self.predict_outcome(encoding, sequel, rows, following)
 
     @torch.no_grad()
+    def judge(self, rows: TensorDict, others: Tensor) -> Outcome:
+        """The outcome of real transitions, from their own next states."""
+        following = rows["next", "observation"]
+        encoding = self.encode(rows["observation"], rows["action"], others)
+        return self.predict_outcome(encoding, self.follow(encoding, following), rows, following)
+
+    @torch.no_grad()
     def _draw_board(
         self, encoding: Encoding, choices: Choices, generator: torch.Generator | None
     ) -> tuple[Tensor, Tensor]:

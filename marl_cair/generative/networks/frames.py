@@ -143,6 +143,12 @@ class FrameCCDN(nn.Module):
         return losses | self.outcome.compute_losses(outcome, rows, end_log_odds)
 
     @torch.no_grad()
+    def judge(self, rows: TensorDict, others: Tensor) -> Outcome:
+        """As `CCDN.judge`; the next frame is not read."""
+        outcome: Outcome = self(rows, others)[1]
+        return outcome
+
+    @torch.no_grad()
     def decode(
         self, rows: TensorDict, others: Tensor, generator: torch.Generator | None
     ) -> tuple[Tensor, Tensor, Outcome]:

@@ -22,7 +22,8 @@ from marl_cair.policies.config import NO_CELL
 SUM_UNIT = 0.1  # weight of one cell in a sum: a dozen units are about 1
 ROBUST_UNITS = 4.0  # larger errors of a reward count linearly
 REWARD_WEIGHT = 4.0  # against the sums over all cells
-MASK_WEIGHT = 20.0  # the mask's loss is a mean over actions: scaled to the size of the others
+# The mask's loss is a mean over actions, those of the cells are sums.
+MASK_WEIGHT, MASK_WEIGHT_EACH = 20.0, 0.1  # at least; for each action
 RARE_BIAS = 5.0  # log odds against an end before training
 
 
@@ -66,6 +67,7 @@ class OutcomeHeads(nn.Module):
         self.register_buffer("place", place, persistent=False)
         self.register_buffer("has_cell", (cells != NO_CELL).float(), persistent=False)
         self.register_buffer("reward_units", torch.ones(2))
+        self.mask_weight = max(MASK_WEIGHT, MASK_WEIGHT_EACH * spec.num_actions)
         self.paths = PathReadout(spec, size) if size.distances else None
         num_paths = self.paths.num_numbers if self.paths else 0
         self.enter = nn.Linear(num_features + num_paths, 2 * hidden)
@@ -118,7 +120,7 @@ class OutcomeHeads(nn.Module):
         return {
             "reward": loss * REWARD_WEIGHT,
             "end": functional.binary_cross_entropy_with_logits(outcome.end + end_log_odds, ends),
-            "mask": (mask * (1.0 - ends)).mean() * MASK_WEIGHT,
+            "mask": (mask * (1.0 - ends)).mean() * self.mask_weight,
         }
 
 

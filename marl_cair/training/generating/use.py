@@ -209,7 +209,6 @@ def _continue(run: TrainingRun, generator: Generator, num_rows: int) -> TensorDi
         num_real=learned.n_steps - num_generated,
         num_generated=num_generated,
         gamma=learned.gamma,
-        max_rounds=settings.model.max_rounds,
     )
     if settings.branch_steps:
         made = rollouts.branch(run.replay.real, num_rows, settings.branch_steps)

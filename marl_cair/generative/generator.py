@@ -222,12 +222,11 @@ class CCDNGenerator:
         rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])
         made = self.imagine(rows)
         metrics = quality.measure_rows(rows, made, self.spec)
-        goes_on = ~rows["next", "terminated"][:, 0]
-        if goes_on.any():
-            metrics["mask/given_next"] = self._rate_masks(rows[goes_on])
+        metrics |= self.rate_masks(rows)
         rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
         made_rare, is_rare = self.imagine(rare), self._find_rare(rare["next", "reward"][:, 0])
-        metrics |= measure_rare(rare, made_rare, is_rare, made.end[goes_on])
+        going_on = made.end[~rows["next", "terminated"][:, 0]]
+        metrics |= measure_rare(rare, made_rare, is_rare, going_on)
         half = len(rows) // 2
         ends = made_rare.end[rare["next", "terminated"][:, 0]]
         acceptance = tune_acceptance(made.select(slice(half)), ends, metrics, gate)
@@ -240,11 +239,15 @@ class CCDNGenerator:
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
         return self.last_report
 
-    def _rate_masks(self, rows: TensorDict) -> float:
-        """Share of right mask entries, by the real next states."""
+    def rate_masks(self, rows: TensorDict) -> dict[str, float]:
+        """Share of right mask entries of real `rows` [N], by their own next states."""
+        rows = rows[~rows["next", "terminated"][:, 0]]
+        if not len(rows):
+            return {}
         parts = [self._move(part) for part in rows.split(CHUNK_ROWS)]
         masks = [self.average.judge(part, _read_others(part)).mask > 0.0 for part in parts]
-        return float((torch.cat(masks).cpu() == rows["next", "action_mask"]).float().mean())
+        right = torch.cat(masks).cpu() == rows["next", "action_mask"]
+        return {"mask/given_next": float(right.float().mean())}
 
     def _find_rare(self, rewards: Tensor) -> Tensor:
         return self._counts.find_rare(rewards, torch.zeros_like(rewards, dtype=torch.bool))

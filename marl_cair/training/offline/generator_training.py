@@ -211,6 +211,7 @@ class _Training:
             self.heldout[half:], rest, self.about, rest.surety >= least
         )
         if isinstance(self.generator, CCDNGenerator):  # training takes samples, not the likeliest
+            numbers |= self.generator.rate_masks(self.heldout)
             sampled = self.generator.imagine(self.heldout, torch.Generator().manual_seed(0))
             found = quality.measure_rows(self.heldout, sampled, self.about)
             numbers |= {

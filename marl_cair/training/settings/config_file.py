@@ -84,7 +84,11 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise ValueError(f"{path} holds {values!r:.80}, it must be options by name")
-    config = dataclasses.replace(build_config(values), out=str(folder))
+    try:
+        config = dataclasses.replace(build_config(values), out=str(folder))
+    except ValueError as error:
+        more = "if another version of marl_cair wrote it, begin a new run"
+        raise ValueError(f"{path}: {error}; {more}") from error
     require_allowed(list_sources(config), allow_code, path)
     return config
 

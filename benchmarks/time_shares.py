@@ -5,8 +5,8 @@
     python -m benchmarks.time_shares PROFILE   # profile.txt
 
 py-spy looks at the running program a hundred times a second. Each look within the training loop
-counts for the innermost function of marl_cair in it: in `policies`, and gradients, optimiser and
-averages in `Learner`, for the network; in `games` for the rules (with their observations and
+counts for the innermost function of marl_cair in it: in `policies` and `training/losses.py`, and
+gradients, optimiser and averages in `Learner`, for the network; in `games` for the rules (with their observations and
 TensorDicts); in `replay`; all else is the loop. Prints Markdown.
 """  # noqa: E501
 
@@ -26,6 +26,8 @@ PARTS = {"policies": "network", "games": "rules", "replay": "replay"}
 def find_part(stack: str) -> str:
     """What the innermost function of marl_cair in a stack of py-spy belongs to."""
     frame = [*FRAME.finditer(stack)][-1].groupdict()
+    if frame["file"] == "training/losses":
+        return "network"
     if frame["file"] == "training/learner" and frame["function"].split(".")[-1] in NETWORK:
         return "network"
     return PARTS.get(frame["file"].partition("/")[0], "loop")
@@ -34,6 +36,8 @@ def find_part(stack: str) -> str:
 def main() -> None:
     """Print the shares."""
     shares: Counter[str] = Counter()
+    if len(sys.argv) != 2:
+        sys.exit("usage: python -m benchmarks.time_shares PROFILE")
     for line in Path(sys.argv[1]).read_text().splitlines():
         stack, count = line.rsplit(" ", 1)
         if LOOP in stack:

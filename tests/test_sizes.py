@@ -11,7 +11,7 @@ MAX_LINES = {
     "games": 21_695,
     "policies": 2_465,
     "replay": 2_460,
-    "generative": 3_405,
+    "generative": 3_425,
     "self_play": 1_035,
     "league": 8_010,
     "training": 7_905,

@@ -112,6 +112,12 @@ class _CodedGenerator:
         _, following = self.codec.decode(coded[OBSERVATION], made.observation)
         return made._replace(observation=following)
 
+    def rate_masks(self, rows: TensorDict) -> dict[str, float]:
+        rated: dict[str, float] = cast(Any, self.generator).rate_masks(
+            _convert(rows, self.codec.encode)
+        )
+        return rated
+
     def update(self, batch: TensorDict) -> dict[str, float]:
         return self.generator.update(_convert(batch, self.codec.encode))
 

@@ -97,8 +97,9 @@ _CONDITIONS = (
         "end calibration error", "end/calibration_error", "max_terminal_ece", is_least=False
     ),
     _Condition("end AUC", "rare/end_auc", "min_terminal_auc", True),
-    # A generated mask belongs to the state that is generated with it, so here to the real one.
+    # A mask is to fit the state that is generated with it: here the real one.
     _Condition("action mask accuracy", "mask/given_next", "min_mask_accuracy", True),
+    _Condition("accuracy gain of action masks", "mask/gain", "min_scalar_gain", True),
 )
 
 

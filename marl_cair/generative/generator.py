@@ -28,6 +28,7 @@ from marl_cair.generative.heldout import (
 from marl_cair.generative.networks.boards import is_picture
 from marl_cair.generative.networks.ccdn import CCDN
 from marl_cair.generative.networks.frames import FrameCCDN
+from marl_cair.generative.networks.outcome import Outcome
 from marl_cair.generative.quality import Imagined
 from marl_cair.generative.rare import Correction, RareCounts
 from marl_cair.generative.settings import MAX_ROUNDS, GeneratorConfig, GeneratorSpec
@@ -204,11 +205,15 @@ class CCDNGenerator:
         network, rows = self.average, self._move(rows)
         following, surety, outcome = network.decode(rows, _read_others(rows), generator)
         low, high = self.spec.reward_range
-        mask = outcome.mask > 0.0
-        mask[:, self.spec.noop_action] = True  # legal in every state
+        mask = self._read_mask(outcome)
         reward = network.outcome.expect_reward(outcome).clamp(low, high)
         made = following, mask, reward, outcome.end.sigmoid(), surety
         return Imagined(*(part.cpu() for part in made))
+
+    def _read_mask(self, outcome: Outcome) -> Tensor:
+        mask = outcome.mask > 0.0
+        mask[:, self.spec.noop_action] = True  # legal in every state
+        return mask
 
     def evaluate(self) -> GateReport:
         """Compute metrics on held-out rows: one half tunes the acceptance, the other tests it."""
@@ -245,7 +250,8 @@ class CCDNGenerator:
         if not len(rows):
             return {}
         parts = [self._move(part) for part in rows.split(CHUNK_ROWS)]
-        masks = [self.average.judge(part, _read_others(part)).mask > 0.0 for part in parts]
+        judged = [self.average.judge(part, _read_others(part)) for part in parts]
+        masks = [self._read_mask(outcome) for outcome in judged]
         right = torch.cat(masks).cpu() == rows["next", "action_mask"]
         return {"mask/given_next": float(right.float().mean())}
 

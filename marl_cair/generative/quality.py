@@ -58,7 +58,8 @@ def measure_rows(rows: TensorDict, made: Imagined, spec: GeneratorSpec) -> dict[
     if goes_on.any():
         real, guess = rows["next", "action_mask"][goes_on], made.action_mask[goes_on]
         numbers["mask/accuracy"] = _share(real == guess)
-        numbers["mask/copy_accuracy"] = _share(real == rows["action_mask"][goes_on])
+        copied = numbers["mask/copy_accuracy"] = _share(real == rows["action_mask"][goes_on])
+        numbers["mask/gain"] = numbers["mask/accuracy"] - copied
     return numbers
 
 

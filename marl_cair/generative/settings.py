@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from marl_cair.replay.transition import TransitionSpec
 
 MAX_ROUNDS = 4  # of proposals in one call, if many are rejected
-_SLACK_OF_CELLS = 0.9  # of an open gate for changed cells, which vary by 0.03
+# Of an open gate: factor for changed cells, which vary by 0.03; gains of scalars vary by 0.01.
+_SLACK_OF_CELLS, _SLACK_OF_GAINS = 0.9, 0.02
 
 
 def _require(holds: bool, name: str, value: object, allowed: str) -> None:
@@ -212,7 +213,7 @@ class GateConfig:
     min_rare_rows: int = 10  # rare rewards: as min_terminals
     max_rare_missed: float = 0.4  # share of wrong rare rewards
     min_mask_accuracy: float = 0.98  # of entries: a wrong entry shifts a max over many actions
-    min_scalar_gain: float = -0.02  # accuracy of each uniform plane less that of a copy
+    min_scalar_gain: float = -0.03  # accuracy of each uniform plane, and of masks, less a copy's
     slack_when_open: float = 0.7  # of shares found or explained, which vary by 0.1
     evaluation_rows: int = 512  # held-out rows per evaluation; half of them tune the acceptance
     tail: float = 0.03  # share of predictions for real rows that are rejected as unsure
@@ -242,6 +243,7 @@ class GateConfig:
             min_changed_f1=_SLACK_OF_CELLS * self.min_changed_f1,
             min_change_explained=_SLACK_OF_CELLS * self.min_change_explained,
             min_reward_explained=slack * self.min_reward_explained,
+            min_scalar_gain=self.min_scalar_gain - _SLACK_OF_GAINS,
             min_terminal_auc=self.min_terminal_auc - (1.0 - slack) * auc_above_chance,
             max_rare_missed=1.0 - slack * (1.0 - self.max_rare_missed),
         )

@@ -174,6 +174,11 @@ def test_frames_are_learned_and_generated():
     assert float((drawn - real)[accepted].abs().mean()) < 0.25
 
 
+def test_masks_of_vectors_are_rated():
+    rows = make_vector_rows(20, torch.Generator().manual_seed(0))
+    assert 0.0 <= make_vector_generator().rate_masks(rows)["mask/given_next"] <= 1.0
+
+
 @pytest.mark.slow
 def test_vectors_are_learned_generated_and_continued():
     generator = make_vector_generator()

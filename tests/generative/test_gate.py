@@ -52,7 +52,8 @@ def make_imagined(surety=(0.0,), end=(0.0,), reward=(0.0,)):
         ({"rare/end_auc": 0.7}, "end AUC 0.700 is below 0.850"),
         ({"cells/change_explained": 0.5}, "explained share of change 0.500 is below 0.600"),
         ({"mask/given_next": 0.9}, "action mask accuracy 0.900 is below 0.980"),
-        ({"scalars/least_gain": -0.3}, "gain of the worst scalar -0.300 is below -0.020"),
+        ({"scalars/least_gain": -0.3}, "gain of the worst scalar -0.300 is below -0.030"),
+        ({"mask/gain": -0.05}, "accuracy gain of action masks -0.050 is below -0.030"),
         ({"cells/moved": math.nan}, "cells/moved not finite: the network or the data hold NaN"),
     ],
 )

@@ -64,6 +64,17 @@ def test_masks_are_judged_by_the_next_state_that_is_given(trained, real_rows):
     assert not torch.allclose(trained.average.judge(rows, others).mask, outcome.mask)
 
 
+def test_masks_are_learned_from_real_next_states_alone(trained, real_rows):
+    rows, heads = real_rows[:8], trained.network.outcome
+    judged = trained.network.judge(rows, torch.zeros(8, 0, dtype=torch.int64))
+    wrong = judged._replace(mask=judged.mask.clone())
+    wrong.mask[::2] = -9.0
+    real = slice(1, None, 2)
+    losses = [heads.compute_losses(one, rows, 0.0, real)["mask"] for one in (judged, wrong)]
+    assert float(losses[0]) == float(losses[1])
+    assert float(heads.compute_losses(wrong, rows, 0.0)["mask"]) > 10.0 * float(losses[0])
+
+
 def test_charts_of_the_dashboard_show_numbers_that_reports_hold(trained):
     held = {f"gate/{name}" for name in trained.last_report.metrics} | {"gate/passed"}
     held.add("gate/cells/change_explained")  # of pictures
@@ -308,7 +319,7 @@ def test_other_players_actions_are_conditioned_on(real_rows):
     rows = add_others(rows, others)
     generator = CCDNGenerator(replace(SMALL, learning_rate=1e-2), TWO)
     generator.observe(rows)
-    for batch in draw_batches(rows, 120):
+    for batch in draw_batches(rows, 160):
         generator.update(batch)
     guess = generator.imagine(rows[:200]).observation[:, ENEMY_UNITS, 0, 6] > 0
     was = rows["observation"][:200, ENEMY_UNITS, 0, 6] > 0

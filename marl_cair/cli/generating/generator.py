@@ -18,7 +18,7 @@ from marl_cair.training.settings.config_file import build_value
 _SHOWN = (
     *("cells/changed_f1", "cells/change_explained", "cells/moved", "cells/exact"),
     *("open_loop/4_changed_f1", "open_loop/8_moved", "open_loop/safe_steps"),
-    *("reward/explained", "end/auc", "mask/accuracy"),
+    *("reward/explained", "end/auc", "mask/given_next"),
 )
 
 

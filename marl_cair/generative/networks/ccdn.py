@@ -256,7 +256,8 @@ class CCDN(nn.Module):
             ).sum(1)
             losses["scalars"] = (nll * weights).mean()
         outcome = self.predict_outcome(encoding, sequel, rows, following)
-        return losses | self.outcome.compute_losses(outcome, rows, end_log_odds)
+        real = slice(1, None, 2)
+        return losses | self.outcome.compute_losses(outcome, rows, end_log_odds, real)
 
     def _find_board_loss(self, encoding: Encoding, choices: Choices, later: Tensor) -> Tensor:
         """Loss [N] of the predicted board, of which `later` is true, uint8 [N, P, H, W]."""

@@ -23,7 +23,7 @@ SUM_UNIT = 0.1  # weight of one cell in a sum: a dozen units are about 1
 ROBUST_UNITS = 4.0  # larger errors of a reward count linearly
 REWARD_WEIGHT = 4.0  # against the sums over all cells
 # The mask's loss is a mean over actions, those of the cells are sums.
-MASK_WEIGHT, MASK_WEIGHT_EACH = 20.0, 0.1  # at least; for each action
+MASK_WEIGHT_EACH, MASK_WEIGHTS = 0.1, (20.0, 70.0)  # for each action; least and most
 RARE_BIAS = 5.0  # log odds against an end before training
 
 
@@ -67,7 +67,8 @@ class OutcomeHeads(nn.Module):
         self.register_buffer("place", place, persistent=False)
         self.register_buffer("has_cell", (cells != NO_CELL).float(), persistent=False)
         self.register_buffer("reward_units", torch.ones(2))
-        self.mask_weight = max(MASK_WEIGHT, MASK_WEIGHT_EACH * spec.num_actions)
+        least, most = MASK_WEIGHTS
+        self.mask_weight = min(max(least, MASK_WEIGHT_EACH * spec.num_actions), most)
         self.paths = PathReadout(spec, size) if size.distances else None
         num_paths = self.paths.num_numbers if self.paths else 0
         self.enter = nn.Linear(num_features + num_paths, 2 * hidden)
@@ -101,10 +102,12 @@ class OutcomeHeads(nn.Module):
         return torch.where(outcome.end > 0.0, rewards[:, 1], rewards[:, 0])
 
     def compute_losses(
-        self, outcome: Outcome, rows: TensorDict, end_log_odds: float
+        self, outcome: Outcome, rows: TensorDict, end_log_odds: float, real: slice = slice(None)
     ) -> dict[str, Tensor]:
         """Losses of rewards, ends and masks of `rows` [N], in nats per row.
 
+        real: the rows whose own next states were read; the others have no loss of masks, as a mask
+        is to fit the state that is read.
         end_log_odds: log odds of ends in the batch minus true ones; it keeps P(end) calibrated
         (logit adjustment, Menon et al. 2021).
         """
@@ -115,12 +118,12 @@ class OutcomeHeads(nn.Module):
         ends = ends[:, 0].float()
         # The mask after an end has no meaning: these rows have no mask loss.
         mask = functional.binary_cross_entropy_with_logits(
-            outcome.mask, rows["next", "action_mask"].float(), reduction="none"
+            outcome.mask[real], rows["next", "action_mask"][real].float(), reduction="none"
         ).mean(1)
         return {
             "reward": loss * REWARD_WEIGHT,
             "end": functional.binary_cross_entropy_with_logits(outcome.end + end_log_odds, ends),
-            "mask": (mask * (1.0 - ends)).mean() * self.mask_weight,
+            "mask": (mask * (1.0 - ends[real])).mean() * self.mask_weight,
         }
 
 

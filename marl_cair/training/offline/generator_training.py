@@ -211,7 +211,6 @@ class _Training:
             self.heldout[half:], rest, self.about, rest.surety >= least
         )
         if isinstance(self.generator, CCDNGenerator):  # training takes samples, not the likeliest
-            numbers |= self.generator.rate_masks(self.heldout)
             sampled = self.generator.imagine(self.heldout, torch.Generator().manual_seed(0))
             found = quality.measure_rows(self.heldout, sampled, self.about)
             numbers |= {
@@ -219,6 +218,8 @@ class _Training:
                 for name, value in found.items()
                 if name.startswith("cells/")
             }
+        if rate := getattr(self.generator, "rate_masks", None):  # of those with a gate
+            numbers |= rate(self.heldout)
         if len(self.chains):
             held, imagine = self.data.heldout, self.imagine
             numbers |= quality.measure_open_loop(held, self.chains, imagine, self.about)

@@ -87,8 +87,7 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
     try:
         config = dataclasses.replace(build_config(values), out=str(folder))
     except ValueError as error:
-        more = "if another version of marl_cair wrote it, begin a new run"
-        raise ValueError(f"{path}: {error}; {more}") from error
+        raise ValueError(f"{path}, perhaps of another version of marl_cair: {error}") from error
     require_allowed(list_sources(config), allow_code, path)
     return config
 

@@ -73,6 +73,8 @@ def test_masks_are_learned_from_real_next_states_alone(trained, real_rows):
     losses = [heads.compute_losses(one, rows, 0.0, real)["mask"] for one in (judged, wrong)]
     assert float(losses[0]) == float(losses[1])
     assert float(heads.compute_losses(wrong, rows, 0.0)["mask"]) > 10.0 * float(losses[0])
+    first = judged._make(part[:1] for part in judged)
+    assert float(heads.compute_losses(first, rows[:1], 0.0, real)["mask"]) == 0.0
 
 
 def test_charts_of_the_dashboard_show_numbers_that_reports_hold(trained):

@@ -123,7 +123,7 @@ class OutcomeHeads(nn.Module):
         return {
             "reward": loss * REWARD_WEIGHT,
             "end": functional.binary_cross_entropy_with_logits(outcome.end + end_log_odds, ends),
-            "mask": (mask * (1.0 - ends[real])).mean() * self.mask_weight,
+            "mask": (mask * (1.0 - ends[real])).sum() / max(1, len(mask)) * self.mask_weight,
         }
 
 

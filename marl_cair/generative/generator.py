@@ -24,6 +24,7 @@ from marl_cair.generative.heldout import (
     check_real_rows,
     is_heldout,
     make_empty_transitions,
+    read_others,
 )
 from marl_cair.generative.networks.boards import is_picture
 from marl_cair.generative.networks.ccdn import CCDN
@@ -149,7 +150,7 @@ class CCDNGenerator:
     def _learn(self, rows: TensorDict, correction: Correction) -> dict[str, float]:
         network, optimizer = self.network, self.optimizer
         rows = self._move(rows)
-        others = _read_others(rows)
+        others = read_others(rows)
         hidden = torch.rand(len(rows), generator=self._generators[TRAINING]).to(others.device)
         others[hidden < self.config.unknown_share] = UNKNOWN_ACTION
         units = [self._counts.reward_unit, self._counts.end_unit]
@@ -203,7 +204,7 @@ class CCDNGenerator:
 
     def _imagine(self, rows: TensorDict, generator: torch.Generator | None) -> Imagined:
         network, rows = self.average, self._move(rows)
-        following, surety, outcome = network.decode(rows, _read_others(rows), generator)
+        following, surety, outcome = network.decode(rows, read_others(rows), generator)
         low, high = self.spec.reward_range
         mask = self._read_mask(outcome)
         reward = network.outcome.expect_reward(outcome).clamp(low, high)
@@ -250,7 +251,7 @@ class CCDNGenerator:
         if not len(rows):
             return {}
         parts = [self._move(part) for part in rows.split(CHUNK_ROWS)]
-        judged = [self.average.judge(part, _read_others(part)) for part in parts]
+        judged = [self.average.judge(part, read_others(part)) for part in parts]
         masks = [self._read_mask(outcome) for outcome in judged]
         right = torch.cat(masks).cpu() == rows["next", "action_mask"]
         return {"mask/given_next": float(right.float().mean())}
@@ -389,12 +390,6 @@ class CCDNGenerator:
         """Check real rows; return which of them are held out, bool [N]."""
         check_real_rows(batch, self.spec)
         return is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
-
-
-def _read_others(rows: TensorDict) -> Tensor:
-    """A copy of the other seats' actions, int64 [N, O]; [N, 0] where there is no such column."""
-    others = rows.get(OTHER_ACTIONS, None)
-    return torch.zeros_like(rows["action"][:, None][:, :0]) if others is None else others.clone()
 
 
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from marl_cair.generative.settings import GeneratorSpec
 from marl_cair.ranges import NUMBER, Range, read_array, read_number
-from marl_cair.replay.transition import check_transitions
+from marl_cair.replay.transition import OTHER_ACTIONS, check_transitions
 
 _HASH_MODULUS = 2**31
 
@@ -133,3 +133,9 @@ def check_real_rows(batch: TensorDict, spec: GeneratorSpec) -> None:
             f"rewards reach from {float(rewards.min())} to {float(rewards.max())}, outside of "
             f"reward_range {spec.reward_range}: widen it in the GeneratorSpec"
         )
+
+
+def read_others(rows: TensorDict) -> Tensor:
+    """A copy of the other seats' actions, int64 [N, O]; [N, 0] where there is no such column."""
+    others = rows.get(OTHER_ACTIONS, None)
+    return torch.zeros_like(rows["action"][:, None][:, :0]) if others is None else others.clone()

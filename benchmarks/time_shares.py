@@ -6,8 +6,8 @@
 
 py-spy looks at the running program a hundred times a second. Each look within the training loop
 counts for the innermost function of marl_cair in it: in `policies` and `training/losses.py`, and
-gradients, optimiser and averages in `Learner`, for the network; in `games` for the rules (with their observations and
-TensorDicts); in `replay`; all else is the loop. Prints Markdown.
+gradients, optimiser and averages in `Learner`, for the network; in `games` for the rules (with
+their observations and TensorDicts); in `replay`; all else is the loop. Prints Markdown.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -26,18 +26,17 @@ PARTS = {"policies": "network", "games": "rules", "replay": "replay"}
 def find_part(stack: str) -> str:
     """What the innermost function of marl_cair in a stack of py-spy belongs to."""
     frame = [*FRAME.finditer(stack)][-1].groupdict()
-    if frame["file"] == "training/losses":
+    file, function = frame["file"], frame["function"].split(".")[-1]
+    if file == "training/losses" or (file == "training/learner" and function in NETWORK):
         return "network"
-    if frame["file"] == "training/learner" and frame["function"].split(".")[-1] in NETWORK:
-        return "network"
-    return PARTS.get(frame["file"].partition("/")[0], "loop")
+    return PARTS.get(file.partition("/")[0], "loop")
 
 
 def main() -> None:
     """Print the shares."""
-    shares: Counter[str] = Counter()
     if len(sys.argv) != 2:
         sys.exit("usage: python -m benchmarks.time_shares PROFILE")
+    shares: Counter[str] = Counter()
     for line in Path(sys.argv[1]).read_text().splitlines():
         stack, count = line.rsplit(" ", 1)
         if LOOP in stack:

@@ -250,9 +250,8 @@ class CCDNGenerator:
         rows = rows[~rows["next", "terminated"][:, 0]]
         if not len(rows):
             return {}
-        parts = [self._move(part) for part in rows.split(CHUNK_ROWS)]
-        judged = [self.average.judge(part, read_others(part)) for part in parts]
-        masks = [self._read_mask(outcome) for outcome in judged]
+        parts = map(self._move, rows.split(CHUNK_ROWS))
+        masks = [self._read_mask(self.average.judge(part, read_others(part))) for part in parts]
         right = torch.cat(masks).cpu() == rows["next", "action_mask"]
         return {"mask/given_next": float(right.float().mean())}
 

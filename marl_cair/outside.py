@@ -20,7 +20,12 @@ from marl_cair.text import clean_text
 ALLOWED = "MARL_CAIR_ALLOW_CODE"
 _IMPORTED = "MARL_CAIR_IMPORTED_CODE"  # the same for `agent.json` alone
 
-_NOT_THEIRS = "marl_cair", "torch", "tensordict"  # packages whose lines are not the user's
+_NOT_THEIRS = (
+    "marl_cair",
+    "torch",
+    "tensordict",
+    "torchrl",
+)  # packages whose lines are not the user's
 
 
 class CodeNotAllowedError(ValueError):
@@ -41,11 +46,11 @@ def outside_call(what: str) -> Iterator[None]:
     except OutsideCodeError:
         raise
     except Exception as error:
-        place = _find_line(error)
+        place = find_line(error)
         raise OutsideCodeError(f"{what}: {type(error).__name__}: {error}{place}") from error
 
 
-def _find_line(error: Exception) -> str:
+def find_line(error: Exception) -> str:
     """Where the code raised it that is neither ours nor torch's: " (FILE, line N)"; "" if none."""
     modules = [sys.modules[name] for name in _NOT_THEIRS if name in sys.modules]
     known = tuple(f"{Path(str(module.__file__)).parent}{os.sep}" for module in modules)

@@ -11,6 +11,7 @@ from torch import nn
 
 from marl_cair import outside, policies
 from marl_cair.checkpoint import AgentDescription, CheckpointError, load_network, save_agent
+from marl_cair.cli.compose import compose_config
 from marl_cair.league.agents.allowed_code import require_allowed
 from marl_cair.lookup import LazyTable, UnknownNameError
 from marl_cair.outside import CodeNotAllowedError, OutsideCodeError
@@ -126,6 +127,14 @@ def test_a_body_and_a_head_of_a_module_work_with_equal_bits():
     assert first(rows).shape == (6, NUM_ACTIONS)
     assert torch.equal(first(rows), second(rows))
     assert first.body.num_features == 4
+
+
+def test_a_recipe_trains_a_body_of_a_module_and_its_layers_fit_no_mlp():
+    policy = compose_config(["recipe=pqn", "policy.body=mine:Mean"]).policy
+    assert (policy.body, policy.norm) == ("mine:Mean", "layer")
+    make_q_network(policy, SHAPE, NUM_ACTIONS, seed=0)
+    with pytest.raises(ValueError, match=r"set it and conv_strides to \[\]"):
+        compose_config(["recipe=pqn", "policy.body=mlp"])
 
 
 def test_a_body_of_a_module_may_have_a_memory():

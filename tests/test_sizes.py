@@ -10,11 +10,11 @@ MAX_FILES_IN_A_FOLDER = 16
 MAX_LINES = {
     "games": 21_695,
     "policies": 2_465,
-    "replay": 2_460,
+    "replay": 2_470,
     "generative": 3_425,
     "self_play": 1_035,
-    "league": 8_010,
-    "training": 7_905,
+    "league": 8_045,
+    "training": 7_960,
     "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,
@@ -22,7 +22,7 @@ MAX_LINES = {
     "dashboard": 320,
     "conf": 10,
     "cli": 4_380,
-    "": 1_990,  # the modules that every part may import
+    "": 2_000,  # the modules that every part may import
 }
 
 

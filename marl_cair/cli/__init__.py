@@ -81,7 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = f"{error}" or type(error).__name__
         if isinstance(error, MemoryError):
             text = f"not enough memory: {text}; give smaller numbers"
-        sys.stderr.write(f"marl-cair: {clean_text(text)}\n")
+        for line in (text, *getattr(error, "__notes__", ())):
+            sys.stderr.write(f"marl-cair: {clean_text(line)}\n")
         return EXIT_REFUSED
     except RuntimeError as error:
         if "allocate memory" not in f"{error}":  # torch's form of a MemoryError

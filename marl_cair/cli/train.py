@@ -29,6 +29,7 @@ from marl_cair.training.settings.config_file import (
     CONFIG_FILE,
     build_value,
     load_config,
+    resume_command,
 )
 from marl_cair.training.settings.options import list_options
 
@@ -67,9 +68,7 @@ def _train(config: TrainConfig, resume: bool) -> int:
         f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
     )
     if result.was_interrupted:
-        sys.stderr.write(
-            f"interrupted and saved: resume with marl-cair train resume={config.out}\n"
-        )
+        sys.stderr.write(f"interrupted and saved: resume with {resume_command(config)}\n")
         return EXIT_INTERRUPTED
     return EXIT_DONE
 

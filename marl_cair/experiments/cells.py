@@ -19,7 +19,7 @@ from marl_cair.memory import NotEnoughMemoryError
 from marl_cair.stored import read_json
 from marl_cair.training.settings.checks import DeviceError, require, require_once
 from marl_cair.training.settings.config import ENDLESS_FRAMES, TrainConfig
-from marl_cair.training.settings.config_file import build_value, to_plain
+from marl_cair.training.settings.config_file import read_stored, to_plain
 
 CELLS, RUN = "cells", "run"
 CELL_FILE, DONE_FILE = "cell.json", "finished.txt"
@@ -70,8 +70,9 @@ class Cell:
 
 
 def load_cell(folder: Path) -> Cell:
-    """The cell that `Cell.save` wrote."""
-    cell: Cell = build_value(Cell, read_json(folder / CELL_FILE))
+    """The cell that `Cell.save` wrote. Raises ValueError with the file's name."""
+    path = folder / CELL_FILE
+    cell: Cell = read_stored(path, Cell, read_json(path))
     return cell
 
 

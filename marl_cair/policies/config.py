@@ -67,7 +67,7 @@ class QNetworkConfig:
     num_quantiles: int | None = None  # of the quantile head; None: 32
     noisy: bool = False  # learned noise in the head's dense layers, for exploration.kind=noisy
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
-    conv_channels: tuple[int, ...] = ()  # of conv's, capsule's convolutions; empty: by input size
+    conv_channels: tuple[int, ...] = ()  # of conv, capsule, own bodies; empty: by input size
     conv_strides: tuple[int, ...] = ()  # of each, with 3 x 3 kernels; empty: by the input's size
     memory: str = policies.NO_MEMORY  # between body and head: none, lstm or gru
     memory_width: int | None = None  # features after the memory; None: hidden_width
@@ -103,10 +103,11 @@ class QNetworkConfig:
         self._check_head()
 
     def _check_combinations(self) -> None:
-        if self.conv_channels and self.body not in NUM_LAYERS:
+        takes_layers = self.body in NUM_LAYERS or policies.NETWORKS.is_outside(self.body)
+        if self.conv_channels and not takes_layers:
             raise ValueError(
-                f"conv_channels is {list(self.conv_channels)}, but body is {self.body!r}: leave it "
-                f"empty, or use body={' or '.join(map(repr, NUM_LAYERS))}"
+                f"conv_channels is {list(self.conv_channels)}, but body is {self.body!r}: set it "
+                f"and conv_strides to [], or use body={' or '.join(map(repr, NUM_LAYERS))}"
             )
         if self.action_shape and (self.head != DUELING or self.cell_values or self.noisy):
             raise ValueError(

@@ -96,7 +96,8 @@ class EpisodeReplayBuffer:
     def sample(self, batch_size: int | None = None) -> TensorDict:
         """Sample a flat TensorDict [batch_size] with the keys of replay/transition.py, or
         batch_size / sequence_steps sequences, TensorDict [N, T] (replay/sequences.py).
-        Raises ValueError for other slots than int64 [N] of the sampler.
+        Raises ValueError for other slots than int64 [N] of the sampler, IndexError for slots that
+        start nothing.
 
         A prioritised sampler adds "priority_weight". Raises RuntimeError while nothing can be
         sampled.
@@ -104,8 +105,12 @@ class EpisodeReplayBuffer:
         num_steps = self.batch_size if batch_size is None else batch_size
         num_rows = num_steps // self.storage.sequence_steps
         slots, fields = self.sampler.sample(self.storage, num_rows)
-        check_tensor("slots of the replay sampler", slots, torch.int64, (num_rows,))
-        return self._read(slots, fields)
+        maker = f"replay sampler {type(self.sampler).__module__}:{type(self.sampler).__name__}"
+        check_tensor(f"slots of the {maker}", slots, torch.int64, (num_rows,))
+        try:
+            return self._read(slots, fields)
+        except IndexError as error:
+            raise IndexError(f"{maker}: {error}") from error
 
     def sample_uniformly(self, num_rows: int) -> TensorDict:
         """Sample transitions [num_rows] or sequences [num_rows, T] as `sample`, not by priority."""

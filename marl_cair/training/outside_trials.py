@@ -29,6 +29,7 @@ from marl_cair.training.settings.learner import LOSSES, LearnerSettings
 
 _NUM_ROWS, _NUM_STEPS = 2, 3  # of a batch, and of its sequences
 _NUM_OBSERVED = 512  # transitions that a generator is shown
+_NUM_DRAWN = 20  # batches of a replay sampler
 
 
 def try_parts(
@@ -97,7 +98,7 @@ def _make_rows(spec: TransitionSpec, num_rows: int) -> TensorDict:
 
 
 def try_sampler(name: str, config: ReplayConfig, spec: TransitionSpec) -> None:
-    """Let a replay sampler from outside draw a batch from a small replay, note TD errors, and save
+    """Let a replay sampler from outside draw batches from a small replay, note TD errors, and save
     and load its state.
 
     Raises OutsideCodeError with the class's name if it fails, or its slots are wrong.
@@ -108,7 +109,8 @@ def try_sampler(name: str, config: ReplayConfig, spec: TransitionSpec) -> None:
     what = f"replay.sampler={name} failed on a replay of zeros"
     with outside_call(what), torch.random.fork_rng(devices=[]):
         replay.extend_rollout(_make_rollout(spec, num_steps))
-        index = replay.sample()["index"]
+        for _ in range(_NUM_DRAWN):  # a few slots of the replay start nothing
+            index = replay.sample()["index"]
         index = index if index.ndim == 1 else index[:, 0]
         replay.update_priority(index, torch.ones(len(index)), 0.5)
         with TemporaryDirectory() as scratch:

@@ -112,8 +112,8 @@ class TrainingRun:
     def _begin(self, resume: bool) -> None:
         """Start, or resume from the last saved state."""
         config_file.save_config(self.config)
-        self.frames = 0
-        self.processor_seconds = 0.0  # of collecting and learning, over all sittings
+        self.frames, self.processor_seconds = 0, 0.0  # of collecting and learning, in all sittings
+        self.saved_frames: int | None = None  # of the last saved state
         # Of all evaluations; of the last one that was repeated because it reached `stop_score`.
         self.best_score = self.confirmed_score = -math.inf
         self.gate_is_open, self.generator_is_on, self.generator_failures = False, True, 0
@@ -191,7 +191,7 @@ class TrainingRun:
         generators.move_generator(self.generator, self.device)
 
     def _claim_folder(self, resume: bool) -> AbstractContextManager[bool]:
-        advice = f"resume it with `marl-cair train resume={self.folder}`"
+        advice = f"resume it with `{config_file.resume_command(self.config)}`"
         fixed, source = config_file.fixed_settings(self.config), config_file.CONFIG_FILE
         kind = checkpoint.TRAINING
         return files.claim_output_folder(self.folder, kind, fixed, resume, advice, source)
@@ -332,6 +332,7 @@ class TrainingRun:
                 self.replay.save(fresh / REPLAY_FOLDER)
             if self.average_policy:  # a sample of the whole run: it cannot be collected again
                 self.average_policy.reservoir.save(fresh / RESERVOIR_FOLDER)
+        self.saved_frames = self.frames
         if self.generator:
             generators.publish_generator(self.folder / RESUME_FOLDER, self.folder)
 
@@ -390,6 +391,7 @@ class TrainingRun:
         self.collector._carrier.update(self.env.current())
         torch.set_rng_state(state["torch_rng"])
         self.shuffling.set_state(state["shuffling"])
+        self.saved_frames = self.frames
 
     def close(self) -> None:
         """Shut the collector and the log, and release the folder."""

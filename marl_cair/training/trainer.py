@@ -18,6 +18,7 @@ from marl_cair.games.players.weak_bot import split_name
 from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load, torch_threads
+from marl_cair.outside import OutsideCodeError, find_line
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
@@ -27,7 +28,9 @@ from marl_cair.training.generating.use import begin_offline, observe_steps, use_
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
+from marl_cair.training.settings import config_file
 from marl_cair.training.settings.config import ENDLESS_FRAMES, GAMES_FOLDER, TrainConfig
+from marl_cair.training.settings.learner import LOSSES
 
 DIVERGED_FILE = "diverged_batch.pt"
 LOG_EVERY_FRAMES = 10_000
@@ -75,6 +78,9 @@ def train(
         torch_threads(config.torch_threads),
         closing(TrainingRun(config, resume, seat, load)) as run,
     ):
+        run.log.prints = show_progress
+        if resume and run.saved_frames is None:
+            run.log.note(0, "resume", "no state was saved before: the run begins at frame 0")
         return _train(run, show_progress, listen, until_frames, watch)
 
 
@@ -86,7 +92,6 @@ def _train(
     watch: Callable[[TrainingRun], bool],
 ) -> TrainResult:
     config = run.config
-    run.log.prints = show_progress
     if run.spec.num_teams == 1:
         text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
         run.log.note(run.frames, "opponents", text)
@@ -108,13 +113,18 @@ def _train(
         while goes_on and run.frames < goal and not (run.book.is_over or _has_reached_score(run)):
             if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
                 break
-            before = next(steps)
-            goes_on = watch(run)
-            if row := _report(run, before, timers):
-                last_row = row
-                bar.set_postfix_str(_summarise(row))
-                if listen is not None:
-                    listen(row)
+            before = run.frames
+            try:
+                next(steps)
+                goes_on = watch(run)
+                if row := _report(run, before, timers):
+                    last_row = row
+                    bar.set_postfix_str(_summarise(row))
+                    if listen is not None:
+                        listen(row)
+            except Exception as error:
+                error.add_note(_save_after(error, run, before))
+                raise
             bar.update(run.frames - before)
             if is_due(before, run.frames, config.checkpoint.every_frames):
                 with timers.measure("save"):
@@ -130,6 +140,22 @@ def _train(
         run.book.publish(run.rated_network, run.describe_agent())
     ends = interrupted.is_set(), last_row, is_over, _has_reached_score(run), run.processor_seconds
     return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
+
+
+def _save_after(error: Exception, run: TrainingRun, before: int) -> str:
+    """Save a run whose round failed, if its steps were stored: else its games are ahead of its
+    replay. Returns what is saved, in words.
+    """
+    if run.frames > before and not isinstance(error, DivergedError):
+        with suppress(Exception):  # such as a full disk, which must not hide the error
+            run.save_agent()
+            run.save_state()
+    saved, command = run.saved_frames, config_file.resume_command(run.config)
+    place = "" if isinstance(error, OutsideCodeError) else find_line(error)  # it names the place
+    where = f"frame {run.frames:,}{place}"
+    if saved is None:
+        return f"{where}: no state was saved before; {command} begins again"
+    return f"{where}: the state of frame {saved:,} is saved; {command} goes on from it"
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
@@ -176,7 +202,6 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
     """Store the learner's steps; pass those whose next state is known now to the generator: the
     newest of each stream waits for the next batch.
     """
-    run.frames += data.numel()
     with timers.measure("store"):
         if run.generator or run.learner.loss.LEARNS_FROM_REPLAY:
             num_others = run.transition_spec.num_others
@@ -185,6 +210,7 @@ def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:
             slots = run.replay.real.extend_rollout(rollout)
         if run.average_policy:
             run.average_policy.remember(data)
+    run.frames += data.numel()
     if run.generator:
         with timers.measure("generate"):
             kept = waiting[~torch.isin(waiting, slots)]  # the others were overwritten
@@ -231,10 +257,12 @@ def _update(run: TrainingRun, batch: TensorDict, done: float) -> None:
             save_tensors(batch.flatten_keys(".").to_dict(), path)
         latest = run.folder / LATEST_FOLDER
         more = f"; initial_agent={latest} continues from the last saved agent"
+        own = run.config.learner.algorithm
+        other = f", or with another {own}" if LOSSES.is_outside(own) else ""
         raise DivergedError(
             f"training has diverged at frame {run.frames}: {error}; the batch is in {path}. Start "
             "in another folder with a smaller learner.learning_rate or learner.max_grad_norm"
-            f"{more if latest.is_dir() else ''}"
+            f"{other}{more if latest.is_dir() else ''}"
         ) from error
 
 

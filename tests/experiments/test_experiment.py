@@ -16,11 +16,11 @@ import yaml
 
 from marl_cair.checkpoint import LATEST_FOLDER
 from marl_cair.experiments import looks, worker
-from marl_cair.experiments.cells import DONE_FILE
+from marl_cair.experiments.cells import DONE_FILE, load_cell
 from marl_cair.experiments.experiment import ExperimentConfig, run_experiment
 from marl_cair.experiments.looks import LOOKS_FILE
 from marl_cair.experiments.plan import Length
-from marl_cair.files import OutputFolderError
+from marl_cair.files import OutputFolderError, write_json
 from marl_cair.training.trainer import train
 from tests.experiments.plans import TINY, change_task, compose_layers, list_cells, make_plan
 from tests.processes import ROOT
@@ -186,8 +186,10 @@ def test_the_folder_of_another_plan_version_or_budget_is_refused(finished, tmp_p
     # Cells of another version may have settings that are unknown here.
     out = Path(shutil.copytree(out, tmp_path / "out"))
     for cell in (out / "cells").glob("*/cell.json"):
-        cell.write_text(cell.read_text("utf-8").replace('"rating"', '"no_such_option"'), "utf-8")
+        write_json(cell, {"no_such_option": 1})
     monkeypatch.setattr("marl_cair.experiments.experiment.__version__", "9.9")
+    with pytest.raises(ValueError, match="cell.json, perhaps of another version .*no_such_option"):
+        load_cell(cell.parent)
     with pytest.raises(OutputFolderError, match="version is '.*' there, '9.9' here"):
         run(plan, out)
 

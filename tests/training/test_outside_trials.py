@@ -138,6 +138,13 @@ class Lost(Sampler):
         return torch.full((batch_size,), 10**6), {}
 
 
+class Everywhere(Sampler):
+    """Draws any entry, also the few that start nothing."""
+
+    def sample(self, storage, batch_size):
+        return torch.randint(len(storage), (batch_size,), generator=self.generator), {}
+
+
 class Stubborn(UniformSampler):
     """Cannot take errors."""
 
@@ -178,9 +185,10 @@ def make(folder, kind, memory="none"):
     ("kind", "message"),
     [
         ("Fewer", r"is int64 .* expected int64"),
-        ("Floats", r"slots of the replay sampler is float32 .* expected int64"),
+        ("Floats", r"slots of the replay sampler .*:Floats is float32 .* expected int64"),
         ("NoSize", "replay.sampler=.*NoSize failed on a replay of zeros: TypeError: .*takes 2"),
         ("Lost", "Lost failed on a replay of zeros: IndexError"),
+        ("Everywhere", "IndexError: replay sampler .*:Everywhere: slot [0-9]+ starts no"),
         ("Stubborn", r"LookupError: no such slot \(.*test_outside_trials.py, line \d+\)"),
     ],
 )

@@ -127,9 +127,8 @@ class ForeignAgent:
         self._step += 1
         text = f"{self._seed} {self._step}".encode()
         try:
-            if hasattr(self._agent, "seed"):
-                drawn = hashlib.blake2b(text, digest_size=4).digest()
-                self._agent.seed(int.from_bytes(drawn, "big"))
+            drawn = hashlib.blake2b(text, digest_size=4).digest()
+            seed_agent(self._agent, int.from_bytes(drawn, "big"))
             answer = self._agent.act(*arguments)
             if not self.state_size:
                 return answer, None
@@ -142,9 +141,18 @@ class ForeignAgent:
         return None, arguments[-1]
 
 
-def describe_crash(error: BaseException) -> str:
-    """The fault of an agent that raised `error`."""
-    return f"crashed in act: {type(error).__name__}: {clean_text(str(error))[:200]}"
+def describe_crash(error: BaseException, method: str = "act") -> str:
+    """The fault of an agent whose method raised `error`."""
+    return f"crashed in {method}: {type(error).__name__}: {clean_text(str(error))[:200]}"
+
+
+def seed_agent(agent: Any, seed: int) -> None:
+    """Call the object's `seed`, if it has one. Raises AgentFault where it fails."""
+    if hasattr(agent, "seed"):
+        try:
+            agent.seed(seed)
+        except (Exception, SystemExit) as error:
+            raise AgentFault(describe_crash(error, "seed")) from error
 
 
 def require_answers(agent: Agent, actions: NDArray[np.int64], role: str = "opponent") -> None:
@@ -204,4 +212,6 @@ def make_foreign(source: str, scenario: Any, spec: GameSpec) -> tuple[Any, bytes
         raise AgentFault(f"cannot be made ({type(error).__name__}: {error})") from error
     if not callable(getattr(agent, "act", None)):
         raise AgentFault(f"gave {type(agent).__name__} without `act(observation, action_mask)`")
+    if not callable(getattr(agent, "seed", seed_agent)):
+        raise AgentFault(f"gave {type(agent).__name__} whose `seed` is no method `seed(number)`")
     return agent, read_code(source)

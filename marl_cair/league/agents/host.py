@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from marl_cair.games import GAMES
 from marl_cair.games.checks.scenario import change_scenario, restore_fields
 from marl_cair.games.players.recurrent import check_state, find_state_size
-from marl_cair.league.agents.foreign import AgentFault, describe_crash, digest_code, make_foreign
+from marl_cair.league.agents.foreign import (
+    AgentFault,
+    describe_crash,
+    digest_code,
+    make_foreign,
+    seed_agent,
+)
 from marl_cair.league.agents.process import BASE64
 
 
@@ -45,8 +51,7 @@ def serve(source: str, questions: IO[str], answers: IO[str]) -> None:
                     answer["state_size"] = size
                     arrays["state"] = {"dtype": "float32", "shape": [size]}
             else:
-                if hasattr(agent, "seed"):
-                    agent.seed(message["seed"])
+                seed_agent(agent, message["seed"])
                 num = message["num"]
                 given = [_read(message[name], num, about) for name, about in arrays.items()]
                 answer = {"actions": agent.act(*given)}

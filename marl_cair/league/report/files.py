@@ -31,7 +31,7 @@ _COLUMNS = {
     "averages": ("method", "agent", *_AVERAGE),
     "cycles": ("first", "second", "third", "share"),
     "fit": ("number", "value"),
-    "forfeits": ("reason", "games"),
+    "forfeits": ("agent", "reason", "games"),
 }
 FILES = (
     *("report.html", "report.md", "ladder.txt", "league.png", "league.pdf"),

@@ -111,8 +111,9 @@ def rate_and_report(
             f"{', '.join(sorted(called))}"
         )
     games, seed = number_agents(stored, list(names)), int(store.settings["seed"])
-    forfeits = sorted(Counter(reason for reason in stored.reasons if reason).items())
-    table = make_table(called, games, forfeits, seed, options.alpha_rank, options.zero)
+    table = make_table(
+        called, games, _count_forfeits(stored, names), seed, options.alpha_rank, options.zero
+    )
     if table.ladder is not None:
         _store_ratings(store, table.ladder, names, games, seed)
     replays, why_none = [], "Replays were left out (--no-replays)."
@@ -127,6 +128,13 @@ def rate_and_report(
     background = read_background(store, stored, names, games, replays, why_none)
     text = write_report(folder, make_report(table, background))
     return LeagueResult(table.ratings, text, folder)
+
+
+def _count_forfeits(stored: StoredGames, names: Mapping[int, str]) -> list[tuple[str, str, int]]:
+    """Agents, reasons, and how many games each agent has forfeited for each reason."""
+    lost = zip(*np.nonzero(stored.has_forfeited), strict=True)
+    counts = Counter((names[stored.agents[n, t]], stored.reasons[n]) for n, t in lost)
+    return [(*about, count) for about, count in sorted(counts.items())]
 
 
 def _store_ratings(

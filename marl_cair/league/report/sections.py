@@ -77,7 +77,7 @@ def make_report(table: LeagueTable, background: Background | None = None) -> Rep
     facts = (
         ("agents", f"{len(table.names):,}"),
         ("games", f"{table.num_games:,}"),
-        ("forfeits", f"{sum(count for _, count in table.forfeits):,}"),
+        ("forfeits", f"{sum(count for *_, count in table.forfeits):,}"),
         ("ended by the time limit", f"{background.num_truncated:,}"),
     )
     headline, summary = wording.write_headline(table), wording.write_summary(table)
@@ -196,7 +196,8 @@ def _make_errors(table: LeagueTable) -> Section:
     title = "Errors and forfeits"
     if not table.forfeits:
         return Section("errors", title, ("No game was forfeited.",), in_text=False)
-    shown = Table(("reason", "games"), [(why, str(count)) for why, count in table.forfeits])
+    rows = [(name, why, str(count)) for name, why, count in table.forfeits]
+    shown = Table(("agent", "reason", "games"), rows, 2)
     return Section("errors", title, ("Forfeited games count as lost.",), tables=(shown,))
 
 

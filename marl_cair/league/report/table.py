@@ -27,7 +27,7 @@ class LeagueTable:
     averages: Mapping[str, Averages]  # by title, of agents as in `names`
     team_shares: Mapping[tuple[str, int], Share]  # by name and team, where it has played
     num_games: int  # that are counted
-    forfeits: tuple[tuple[str, int], ...]  # reasons, and in how many games
+    forfeits: tuple[tuple[str, str, int], ...]  # agents, reasons, and in how many games
     num_teams: int
 
     @property
@@ -54,7 +54,7 @@ class LeagueTable:
 def make_table(
     names: Sequence[str],
     games: Games,
-    forfeits: Sequence[tuple[str, int]] = (),
+    forfeits: Sequence[tuple[str, str, int]] = (),
     seed: int = 0,
     with_alpha_rank: bool = False,
     zero: str = "",

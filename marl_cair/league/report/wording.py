@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -55,9 +56,22 @@ def write_summary(table: LeagueTable) -> list[str]:
         return [explain_no_ladder(table)]
     if len(table.ratings) == 1:
         return ["All games were played by one agent: a league needs two or more."]
-    sentences = [_describe_best(table, table.ladder), _list_close_pairs(table)]
+    sentences = [*_list_forfeits(table), _describe_best(table, table.ladder)]
+    sentences.append(_list_close_pairs(table))
     sentences.append(f"Is one number per agent enough? {describe_fit(table.fit)}")
     return [*sentences, describe_cycles(table)] if table.cycles else sentences
+
+
+def _list_forfeits(table: LeagueTable) -> list[str]:
+    lost: Counter[str] = Counter()
+    for name, _, count in table.forfeits:
+        lost[name] += count
+    games = {rating.name: rating.games for rating in table.ratings}
+    return [
+        f"{name} forfeited {count} of its {games[name]} games, which count as lost: its rating is "
+        "not only of its play (see Errors and forfeits)."
+        for name, count in lost.items()
+    ]
 
 
 def _describe_best(table: LeagueTable, ladder: Ladder) -> str:

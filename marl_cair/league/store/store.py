@@ -43,6 +43,7 @@ class StoredGames:
     line_ups: NDArray[np.int64]  # [N], equal for games of one line-up
     is_repeat: NDArray[np.bool_]  # [N], see `_find_repeats`
     is_truncated: NDArray[np.bool_]  # [N], ended by the time limit
+    has_forfeited: NDArray[np.bool_]  # [N, T]
     decisions: NDArray[np.int64]  # [N], steps of each seat that was in to the end
     reasons: tuple[str, ...]  # N, of forfeits; "" without one
     trajectories: tuple[str, ...]  # N hashes
@@ -224,12 +225,13 @@ class LeagueStore:
         with self._explain_errors():
             rows = self._database.execute(
                 "SELECT b.line_up, b.number, g.number, b.map_seed, g.is_truncated, g.decisions, "
-                "g.trajectory, g.reason, t.agent, t.points, t.rank, g.id, t.team "
+                "g.trajectory, g.reason, t.agent, t.points, t.rank, g.id, t.team, "
+                "t.has_forfeited "
                 "FROM game g JOIN block b ON b.id = g.block LEFT JOIN team t ON t.game = g.id "
                 "ORDER BY g.id, t.team"
             ).fetchall()
             num_teams = len(set(self.settings["team_of_seat"]))
-            schema.check_games([row[11:] for row in rows], num_teams)
+            schema.check_games([row[11:13] for row in rows], num_teams)
             prints = {number: agent.fingerprint for number, agent in self.read_agents().items()}
             return _parse_games(rows, prints, num_teams)
 
@@ -313,6 +315,7 @@ def _parse_games(
         line_ups=_number([part[0] for part in parts]),
         is_repeat=_find_repeats(agents, trajectories, [part[7] for part in parts]),
         is_truncated=np.array([part[4] for part in parts], np.bool_),
+        has_forfeited=by_team(13, np.bool_),
         decisions=np.array([part[5] for part in parts], np.int64),
         reasons=tuple(clean_text(str(part[7])) for part in parts),
         trajectories=trajectories,

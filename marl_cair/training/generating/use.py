@@ -148,7 +148,7 @@ def _require_finite(what: str, numbers: Mapping[str, float], most: float = math.
 def _evaluate(run: TrainingRun, generator: Generator) -> None:
     report = generator.evaluate()
     _require_finite("metric", report.metrics)
-    run.gate_is_open = report.passed
+    was_open, run.gate_is_open = run.gate_is_open, report.passed
     if not (report.passed or run.is_offline):
         run.replay.generated.clear()  # else they are used again, older still, when it opens again
     values = {f"gate/{name}": value for name, value in report.metrics.items()}
@@ -156,7 +156,8 @@ def _evaluate(run: TrainingRun, generator: Generator) -> None:
     reasons = "; ".join(report.reasons)
     without = "nothing is learned" if run.replay.fraction == 1.0 else "batches are all real"
     text = "open" if report.passed else f"shut, {without}: {reasons}"
-    run.log.note(run.frames, "gate", f"the generator's gate is {text}")
+    if not (was_open and report.passed):
+        run.log.note(run.frames, "gate", f"the generator's gate is {text}")
     if report.passed and len(run.seen.shape) == 3:
         slots = run.replay.real.storage.step_slots()
         places = torch.linspace(0, len(slots) - 1, NUM_DRAWN).long()

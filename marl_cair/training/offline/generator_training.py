@@ -43,7 +43,7 @@ from marl_cair.training.generating.generators import (
 from marl_cair.training.generating.picture import draw_losses, draw_progress
 from marl_cair.training.run_log import format_rows
 from marl_cair.training.settings.checks import find_device
-from marl_cair.training.settings.config_file import build_value
+from marl_cair.training.settings.config_file import read_stored
 
 KIND = "generator training"
 LOSS_FILE, QUALITY_FILE, PICTURE_FILE = "losses.csv", "quality.csv", "predictions.png"
@@ -141,8 +141,7 @@ def read_training(folder: Path) -> tuple[DatasetDescription, GeneratorTraining]:
     """
     _, marked = files.read_run_marker(folder / files.RUN_MARKER)
     about = read_description(marked.pop("dataset", ""))
-    settings: GeneratorTraining = build_value(GeneratorTraining, marked)
-    return about, settings
+    return about, read_stored(folder / files.RUN_MARKER, GeneratorTraining, marked)
 
 
 class _Training:

@@ -16,7 +16,7 @@ import yaml
 
 from marl_cair.files import write_atomically
 from marl_cair.games import GAMES
-from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
+from marl_cair.league.agents.allowed_code import AllowCode, is_code, require_allowed
 from marl_cair.lookup import check_name, find_by_name
 from marl_cair.outside import is_place
 from marl_cair.stored import DamagedFileError, read_settings, sign_settings
@@ -84,12 +84,16 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
     values = read_yaml(path)
     if not isinstance(values, dict):
         raise ValueError(f"{path} holds {values!r:.80}, it must be options by name")
-    try:
-        config = dataclasses.replace(build_config(values), out=str(folder))
-    except ValueError as error:
-        raise ValueError(f"{path}, perhaps of another version of marl_cair: {error}") from error
+    config: TrainConfig = read_stored(path, TrainConfig, values)
+    config = dataclasses.replace(config, out=str(folder))
     require_allowed(list_sources(config), allow_code, path)
     return config
+
+
+def resume_command(config: TrainConfig) -> str:
+    """The command line that resumes a run."""
+    allow = " allow_code=true" if any(map(is_code, list_sources(config))) else ""
+    return f"marl-cair train resume={config.out}{allow}"
 
 
 def list_sources(config: TrainConfig) -> list[str]:
@@ -116,6 +120,14 @@ def build_config(values: Mapping[str, Any]) -> TrainConfig:
     """Dataclasses from nested plain values. Raises ValueError as their checks do."""
     config: TrainConfig = build_value(TrainConfig, values)
     return config
+
+
+def read_stored(path: Path, kind: Any, values: Any) -> Any:
+    """`build_value` of the values in the file `path`, which its errors name."""
+    try:
+        return build_value(kind, values)
+    except ValueError as error:
+        raise ValueError(f"{path}, perhaps of another version of marl_cair: {error}") from error
 
 
 def build_value(kind: Any, value: Any, path: str = "") -> Any:

@@ -33,6 +33,10 @@ class Leaver(Waiter):
         raise SystemExit(0)
 def make_leaver(scenario, spec):
     return Leaver()
+class Numbered(Waiter):
+    seed = 3
+def make_numbered(scenario, spec):
+    return Numbered()
 """
 
 
@@ -52,6 +56,18 @@ def crash(observation, mask):
 
 def leave(observation, mask):
     sys.exit("no licence")
+
+
+def fail_at_the_seed(seed):
+    raise RuntimeError("no dice")
+
+
+def test_a_crash_in_seed_is_named():
+    spec = GAME.make_spec(GAME.scenario("duel"))
+    broken = SimpleNamespace(act=crash, seed=fail_at_the_seed)
+    agent = ForeignAgent(broken, "mine", spec, "print")
+    agent.act(np.zeros((1, 2), np.float32), np.ones((1, spec.num_actions), np.bool_))
+    assert agent.failure == "crashed in seed: RuntimeError: no dice"
 
 
 def test_an_object_with_act_plays():
@@ -194,6 +210,7 @@ class TestLoading:
             ("no_agents:make", "cannot be made .ModuleNotFoundError"),
             ("my_agents:MODULE_LEVEL", "cannot be made"),
             ("builtins:slice", "gave slice without `act"),
+            ("my_agents:make_numbered", "gave Numbered whose `seed` is no method"),
         ],
     )
     def test_a_function_that_makes_no_agent_is_refused(self, source, message):
@@ -210,7 +227,9 @@ class TestLoading:
         assert reason in capsys.readouterr().out
         out = ["--no-replays", "--out", str(tmp_path / "league")]
         assert main(["league", "my_agents:make_leaver", "idle", *about, *out]) == 0
-        assert reason in capsys.readouterr().out
+        text = capsys.readouterr().out
+        assert reason in text
+        assert "my_agents:make_leaver forfeited 8 of its 8 games" in text
         assert main(["match", "my_agents:leave", "idle", *about]) == 2
         assert "my_agents:leave cannot be made" in capsys.readouterr().err
 

@@ -56,6 +56,11 @@ def print_something(observation, action_mask):
     return np.zeros(len(observation), int)
 def make_printing(scenario, spec):
     return Mine(print_something)
+class Unseeded(Mine):
+    def seed(self, seed):
+        raise RuntimeError("no dice")
+def make_unseeded(scenario, spec):
+    return Unseeded()
 def make_nothing(scenario, spec):
     return None
 """
@@ -114,6 +119,13 @@ def test_it_answers_line_by_line(module):
         {"actions": [2, 2]},
         {"error": "crashed in act: KeyError: 'nothing there'"},
     ]
+
+
+@pytest.mark.slow
+def test_a_crash_in_seed_is_named(module):
+    agent = load(f"{module}:make_unseeded", 10.0)
+    assert agent.act(*TWO_GAMES).tolist() == [-1, -1]
+    assert agent.failure == "crashed in seed: RuntimeError: no dice"
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ def page_file(tmp_path_factory):
         ),
         replay_words="",
     )
-    table = make({**EDGES, (0, 1): 20}, NAMES, repeats=4, forfeits=(("it " * 99, 3),))
+    table = make({**EDGES, (0, 1): 20}, NAMES, repeats=4, forfeits=((NAMES[0], "it " * 99, 3),))
     path = folder / "report.html"
     path.write_text(render_html(make_report(table, background)), "utf-8")
     return path

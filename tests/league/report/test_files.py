@@ -13,7 +13,7 @@ from marl_cair.league.report.render import render_text
 from marl_cair.league.report.sections import make_report
 from marl_cair.league.report.table import make_table
 from marl_cair.league.report.wording import describe_fit
-from tests.league.leagues import EDGES, make
+from tests.league.leagues import EDGES, NAMES, make
 from tests.league.paper_games import from_rows, simulate
 
 
@@ -70,8 +70,9 @@ def test_repeated_games_are_listed():
 
 
 def test_forfeits_are_listed_with_their_reasons():
-    text = describe_league(make(forfeits=(("mine crashed in act: KeyError: 3", 4),)))
-    assert "mine crashed in act: KeyError: 3 4" in text
+    text = describe_league(make(forfeits=((NAMES[0], "mine crashed in act: KeyError: 3", 4),)))
+    assert f"{NAMES[0]} mine crashed in act: KeyError: 3 4" in text
+    assert f"{NAMES[0]} forfeited 4 of its 120 games" in text
     assert "forfeited" not in describe_league(make())
 
 

@@ -124,7 +124,7 @@ def test_charts_are_vector_graphics_with_names_as_text(key):
 
 @pytest.mark.parametrize("results", [EDGES, EVEN, dict.fromkeys(EDGES, 20)])
 def test_page_and_markdown_have_the_words_of_the_text(results):
-    table = make(results, forfeits=(("mine crashed in act: KeyError: 3", 4),))
+    table = make(results, forfeits=((NAMES[0], "mine crashed in act: KeyError: 3", 4),))
     page, markdown = read_page(table), render_markdown(make_report(table))
     text = " ".join(text_of(table).split())
     for section in make_report(table).sections:
@@ -136,7 +136,7 @@ def test_page_and_markdown_have_the_words_of_the_text(results):
         assert sentence in page.text[""]
         assert escape_markdown(sentence) in markdown
     assert make_report(table).headline in page.text[""]
-    assert ["mine crashed in act: KeyError: 3", "4"] in page.rows["errors"]
+    assert [NAMES[0], "mine crashed in act: KeyError: 3", "4"] in page.rows["errors"]
 
 
 def test_the_tables_of_the_markdown_have_as_many_cells_in_each_row():
@@ -159,7 +159,7 @@ def test_names_that_are_code_do_not_run():
         map_words=EVIL,
         replays=(ShownGame(EVIL, EVIL, None, EVIL),),
     )
-    table = make(EVEN, names, forfeits=((EVIL, 1),))
+    table = make(EVEN, names, forfeits=((names[0], EVIL, 1),))
     page = read_page(table, background)
     assert {tag for tag, _ in page.elements} & {"script", "iframe", "object", "link"} == set()
     assert not any(key.startswith("on") for _, about in page.elements for key in about)

@@ -25,6 +25,7 @@ from marl_cair.league.report.replays import FOLDER, choose_games
 from marl_cair.league.report.report import report_stored
 from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import LeagueStore, StoredGames
+from marl_cair.outside import ALLOWED
 from marl_cair.viewer.page import read_game
 from tests.league.players import save_network
 
@@ -73,6 +74,7 @@ def stored(agents, ranks, decisions, reasons=None, is_repeat=None):
         line_ups=places,
         is_repeat=nothing if is_repeat is None else np.array(is_repeat),
         is_truncated=nothing,
+        has_forfeited=np.zeros((number, 2), np.bool_),
         decisions=np.array(decisions),
         reasons=tuple(reasons or [""] * number),
         trajectories=tuple(map(str, places)),
@@ -191,9 +193,10 @@ def test_a_network_is_shown_while_it_is_the_same(tmp_path):
 
 
 @pytest.mark.slow
-def test_foreign_code_runs_where_games_are_played_and_not_in_a_report(tmp_path):
+def test_foreign_code_runs_where_games_are_played_and_not_in_a_report(tmp_path, monkeypatch):
     play(tmp_path, "tests.league.players:make_first_legal", "turtle")
     assert shown(tmp_path)
+    monkeypatch.setenv(ALLOWED, "")  # as in another process
     assert "is foreign code" in report_again(tmp_path)
     assert shown(tmp_path) == []
 

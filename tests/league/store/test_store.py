@@ -135,7 +135,9 @@ def test_forfeits_are_kept_with_their_reason(store):
     ids = add(store, games=())
     lost = {"forfeited": (False, True), "reason": "b crashed in act: KeyError: 3"}
     store.add_games(ids, [played(0, 0, **lost), played(0, 1)])
-    assert store.read_games().reasons == ("b crashed in act: KeyError: 3", "")
+    games = store.read_games()
+    assert games.reasons == ("b crashed in act: KeyError: 3", "")
+    assert games.has_forfeited.tolist() == [[False, True], [False, False]]
 
 
 def test_a_rating_run_is_kept_once(store):

@@ -57,7 +57,10 @@ def test_while_the_gate_is_open_rows_are_generated_and_the_generator_learns_less
     made = open_gate(monkeypatch, run, [True, True, False])
     learned = []
     monkeypatch.setattr(run.generator, "update", lambda rows: learned.append(run.frames) or {})
+    noted = []
+    monkeypatch.setattr(run.log, "note", lambda frames, *_: noted.append(frames))
     run_until(run, 1_920)
+    assert noted == [512, 1536]  # it opens, stays open, and is shut
     assert [frames for frames, _ in made] == list(range(512, 1536, 128))
     assert [at for at in learned if at > 384] == [
         *(512, 512, 768, 1024, 1280, 1536),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -20,12 +21,8 @@ from marl_cair.text import clean_text
 ALLOWED = "MARL_CAIR_ALLOW_CODE"
 _IMPORTED = "MARL_CAIR_IMPORTED_CODE"  # the same for `agent.json` alone
 
-_NOT_THEIRS = (
-    "marl_cair",
-    "torch",
-    "tensordict",
-    "torchrl",
-)  # packages whose lines are not the user's
+# Packages whose lines are not the user's, beside those that come with Python.
+_NOT_THEIRS = "marl_cair", "torch", "tensordict", "torchrl", "numpy"
 
 
 class CodeNotAllowedError(ValueError):
@@ -51,11 +48,15 @@ def outside_call(what: str) -> Iterator[None]:
 
 
 def find_line(error: Exception) -> str:
-    """Where the code raised it that is neither ours nor torch's: " (FILE, line N)"; "" if none."""
+    """Where the user's code raised it: " (FILE, line N)"; "" if it did not."""
     modules = [sys.modules[name] for name in _NOT_THEIRS if name in sys.modules]
     known = tuple(f"{Path(str(module.__file__)).parent}{os.sep}" for module in modules)
     frames = traceback.extract_tb(error.__traceback__)
     theirs = [one for one in frames if not one.filename.startswith((*known, "<"))]
+    python = f"{Path(os.__file__).parent}{os.sep}"  # installed packages may lie below it
+    theirs = [
+        one for one in theirs if not re.match(rf"{re.escape(python)}(?!\w+-packages)", one.filename)
+    ]
     lines = [one for one in theirs if one.filename == theirs[0].filename]
     return f" ({lines[-1].filename}, line {lines[-1].lineno})" if lines else ""
 

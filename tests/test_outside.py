@@ -133,6 +133,7 @@ def test_a_recipe_trains_a_body_of_a_module_and_its_layers_fit_no_mlp():
     policy = compose_config(["recipe=pqn", "policy.body=mine:Mean"]).policy
     assert (policy.body, policy.norm) == ("mine:Mean", "layer")
     make_q_network(policy, SHAPE, NUM_ACTIONS, seed=0)
+    compose_config(["policy=small_frames", "policy.body=mine:Mean"])  # channels without strides
     with pytest.raises(ValueError, match=r"set it and conv_strides to \[\]"):
         compose_config(["recipe=pqn", "policy.body=mlp"])
 

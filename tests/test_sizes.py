@@ -13,15 +13,15 @@ MAX_LINES = {
     "replay": 2_470,
     "generative": 3_425,
     "self_play": 1_035,
-    "league": 8_045,
-    "training": 7_960,
+    "league": 8_055,
+    "training": 7_970,
     "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_380,
+    "cli": 4_385,
     "": 2_000,  # the modules that every part may import
 }
 

@@ -81,14 +81,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = f"{error}" or type(error).__name__
         if isinstance(error, MemoryError):
             text = f"not enough memory: {text}; give smaller numbers"
-        for line in (text, *getattr(error, "__notes__", ())):
-            sys.stderr.write(f"marl-cair: {clean_text(line)}\n")
-        return EXIT_REFUSED
+        return _refuse(error, text)
     except RuntimeError as error:
         if "allocate memory" not in f"{error}":  # torch's form of a MemoryError
             raise
-        sys.stderr.write(f"marl-cair: not enough memory: {error}; give smaller numbers\n")
-        return EXIT_REFUSED
+        return _refuse(error, f"not enough memory: {error}; give smaller numbers")
+
+
+def _refuse(error: Exception, text: str) -> int:
+    for line in (text, *getattr(error, "__notes__", ())):
+        sys.stderr.write(f"marl-cair: {clean_text(line)}\n")
+    return EXIT_REFUSED
 
 
 def describe_commands() -> str:

@@ -63,12 +63,13 @@ def run(arguments: Sequence[str]) -> int:
 def _train(config: TrainConfig, resume: bool) -> int:
     from marl_cair.training.trainer import train
 
-    result = train(config, resume=resume)
+    command = resume_command(config)
+    result = train(config, resume=resume, resume_with=command)
     sys.stdout.write(
         f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
     )
     if result.was_interrupted:
-        sys.stderr.write(f"interrupted and saved: resume with {resume_command(config)}\n")
+        sys.stderr.write(f"interrupted and saved: resume with {command}\n")
         return EXIT_INTERRUPTED
     return EXIT_DONE
 

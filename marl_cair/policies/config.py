@@ -127,7 +127,8 @@ class QNetworkConfig:
                     "for features, and their lengths are its values: leave it out, or use "
                     "body='capsule'"
                 )
-        by_size = NUM_LAYERS.get(self.body, 0)
+        # A body from outside may have any number.
+        by_size = NUM_LAYERS.get(self.body, len(self.conv_channels))
         num_layers = len(self.conv_strides) or (by_size if self.conv_channels else 0)
         if len(self.conv_channels) != num_layers:
             raise ValueError(

@@ -138,9 +138,10 @@ def _train(settings: DemoSettings, network: str) -> None:
     names = list(NETWORKS)
     done = {name: f"{settings.out}/{name}" for name in names[: names.index(network) + 1]}
     curves = Path(settings.out) / "curves.png"
-    result = train(config, resume=True, listen=lambda row: draw_curves(done, curves))
+    result = train(config, resume=True)
     if result.was_interrupted:
         raise KeyboardInterrupt
+    draw_curves(done, curves)
     if not result.reached_score:
         raise ValueError(
             f"the {network} network has not reached {settings.score:.0%} of the points against "

@@ -18,7 +18,8 @@ from marl_cair.games.players.weak_bot import split_name
 from marl_cair.interrupts import interrupts_noted
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load, torch_threads
-from marl_cair.outside import OutsideCodeError, find_line
+from marl_cair.outside import OutsideCodeError, find_line, is_place
+from marl_cair.policies.saved_weights import require_finite
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
@@ -54,11 +55,11 @@ def train(
     config: TrainConfig,
     resume: bool = False,
     show_progress: bool = True,
-    listen: Callable[[dict[str, float]], None] | None = None,
     seat: LeagueSeat | None = None,
     until_frames: int | None = None,
     load: Load = load_agent,
     watch: Callable[[TrainingRun], bool] = lambda run: True,
+    resume_with: str = "",
 ) -> TrainResult:
     """Train until `config.total_frames` steps, `config.max_minutes`, `config.stop_score`, or an
     interrupt; in a league, at `seat`, also until the learner is to be reset.
@@ -67,10 +68,14 @@ def train(
     spread over `config.total_frames`.
 
     An interrupt (`interrupts.SIGNALS`) ends the current iteration, saves everything and returns; a
-    second one stops at once. `listen` gets each logged row. `watch` gets the run before the first
-    iteration and after each; training ends where it returns False. The configuration is written to
-    the run's folder, from which a later call can resume. `load` gets the agents of
-    `config.opponent`: by default, code among them runs in this process, without a time limit.
+    second one stops at once. `watch` gets the run before the first iteration and after each;
+    training ends where it returns False. The configuration is written to the run's folder, from
+    which a later call can resume. `load` gets the agents of `config.opponent`: by default, code
+    among them runs in this process, without a time limit.
+
+    `resume_with` is the command line that resumes the run. With it an error gets a note that says
+    what is saved; a run with code from outside is saved first if the steps of its round are
+    stored: resumed, it leaves out what else was due in that round.
 
     Raises: as `TrainingRun`.
     """
@@ -79,17 +84,17 @@ def train(
         closing(TrainingRun(config, resume, seat, load)) as run,
     ):
         run.log.prints = show_progress
-        if resume and run.saved_frames is None:
+        if resume and resume_with and run.saved_frames is None:
             run.log.note(0, "resume", "no state was saved before: the run begins at frame 0")
-        return _train(run, show_progress, listen, until_frames, watch)
+        return _train(run, show_progress, until_frames, watch, resume_with)
 
 
 def _train(
     run: TrainingRun,
     show_progress: bool,
-    listen: Callable[[dict[str, float]], None] | None,
     until_frames: int | None,
     watch: Callable[[TrainingRun], bool],
+    resume_with: str,
 ) -> TrainResult:
     config = run.config
     if run.spec.num_teams == 1:
@@ -120,10 +125,9 @@ def _train(
                 if row := _report(run, before, timers):
                     last_row = row
                     bar.set_postfix_str(_summarise(row))
-                    if listen is not None:
-                        listen(row)
             except Exception as error:
-                error.add_note(_save_after(error, run, before))
+                if resume_with:
+                    error.add_note(_save_after(error, run, before, resume_with))
                 raise
             bar.update(run.frames - before)
             if is_due(before, run.frames, config.checkpoint.every_frames):
@@ -142,20 +146,28 @@ def _train(
     return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
 
 
-def _save_after(error: Exception, run: TrainingRun, before: int) -> str:
-    """Save a run whose round failed, if its steps were stored: else its games are ahead of its
-    replay. Returns what is saved, in words.
+def _save_after(error: Exception, run: TrainingRun, before: int, command: str) -> str:
+    """Save a run with code from outside whose round failed, if its steps were stored: else its
+    games are ahead of its replay. Returns what is saved, in words.
     """
-    if run.frames > before and not isinstance(error, DivergedError):
-        with suppress(Exception):  # such as a full disk, which must not hide the error
-            run.save_agent()
+    has_code = any(map(is_place, config_file.list_sources(run.config)))
+    is_diverged, failed = isinstance(error, DivergedError), ""
+    if has_code and run.frames > before and not is_diverged:
+        try:
+            require_finite(run.learner.network.state_dict(), "")
+            require_finite(run.rated_network.state_dict(), "")
             run.save_state()
-    saved, command = run.saved_frames, config_file.resume_command(run.config)
+            run.save_agent()
+        except Exception as fault:  # noqa: BLE001  # it must not hide the error
+            failed = f" (saving it now failed: {fault})"
     place = "" if isinstance(error, OutsideCodeError) else find_line(error)  # it names the place
     where = f"frame {run.frames:,}{place}"
-    if saved is None:
-        return f"{where}: no state was saved before; {command} begins again"
-    return f"{where}: the state of frame {saved:,} is saved; {command} goes on from it"
+    if run.saved_frames is None:
+        return f"{where}: no state is saved{failed}; {command} begins again"
+    saved = f"{where}: the state of frame {run.saved_frames:,} is saved{failed}"
+    if is_diverged and not has_code:
+        return saved  # the same would follow
+    return f"{saved}; {command} goes on from it"
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:

@@ -1,6 +1,7 @@
 """Errors in the middle of a run: what is saved, and what the user reads."""
 
 import dataclasses
+import functools
 
 import pytest
 import torch
@@ -10,8 +11,10 @@ from marl_cair.training.collecting.exploration import Exploration
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.losses import DqnLoss
 from marl_cair.training.settings.config import CheckpointSettings, ExplorationSettings
-from tests.training.runs import NEVER, small, train
+from tests.training import runs
+from tests.training.runs import NEVER, small
 
+train = functools.partial(runs.train, resume_with="THE COMMAND")
 HERE = "tests.training.test_failures"
 CALLS = []  # one entry for each call of the classes below
 FAULTS = {}  # what they do after some calls
@@ -61,7 +64,7 @@ def test_a_run_whose_loss_raises_is_saved_and_goes_on_once_it_is_mended(tmp_path
     assert 0 < frames < 512
     assert f"frame {frames:,} ({__file__}, line" in note
     assert f"state of frame {frames:,} is saved" in note
-    assert f"resume={tmp_path / 'run'} allow_code=true" in note
+    assert note.endswith("; THE COMMAND goes on from it")
     assert (tmp_path / "run" / "latest" / "weights.pt").is_file()
     FAULTS.clear()
     assert train(with_loss(tmp_path / "run"), resume=True).frames == 512
@@ -80,7 +83,7 @@ def test_an_error_while_collecting_leaves_the_last_saved_state(tmp_path, every, 
     )
     with pytest.raises(ValueError, match="left or right") as caught:
         train(run)
-    wanted = "no state was saved before" if every == NEVER else "state of frame 128 is saved"
+    wanted = "no state is saved; THE" if every == NEVER else "state of frame 128 is saved; THE"
     assert wanted in caught.value.__notes__[0]
     assert (tmp_path / "run" / "resume").is_dir() == (every != NEVER)
     FAULTS.clear()
@@ -100,6 +103,41 @@ def test_a_diverged_run_keeps_the_last_saved_agent_and_names_the_loss(tmp_path):
 
 
 @pytest.mark.usefixtures("test_game")
+@pytest.mark.parametrize("command", ["", "THE COMMAND"])
+def test_runs_without_own_code_and_runs_of_others_are_not_saved_then(tmp_path, command):
+    """They resume from the last state, to the same bits as a run that was never stopped."""
+
+    def fail(run):
+        if run.frames > 300:
+            raise OSError("no space left")
+        return True
+
+    run = with_loss(tmp_path / "run") if not command else small(tmp_path / "run", "duel")
+    with pytest.raises(OSError, match="no space left") as caught:
+        train(run, watch=fail, resume_with=command)
+    notes = getattr(caught.value, "__notes__", [])
+    assert len(notes) == bool(command)
+    assert all("no state is saved; THE COMMAND begins again" in note for note in notes)
+    assert not (tmp_path / "run" / "resume").exists()
+
+
+@pytest.mark.usefixtures("test_game")
+def test_weights_that_are_not_finite_are_not_saved(tmp_path):
+    def damage(run):
+        if run.frames > 300:
+            next(run.learner.network.parameters()).data[:] = torch.nan
+            raise AssertionError("not a number")
+        return True
+
+    run = with_loss(tmp_path / "run", checkpoint=CheckpointSettings(every_frames=128))
+    with pytest.raises(AssertionError) as caught:
+        train(run, watch=damage)
+    note = caught.value.__notes__[0]
+    assert "the state of frame 256 is saved (saving it now failed: " in note
+    assert "not finite" in note
+
+
+@pytest.mark.usefixtures("test_game")
 def test_the_command_prints_what_is_saved(tmp_path, capsys):
     FAULTS["loss"] = ValueError("seven")
     words = ["game=last_standing", "scenario=duel", f"learner.algorithm={HERE}:Faulty"]
@@ -114,4 +152,4 @@ def test_the_command_prints_what_is_saved(tmp_path, capsys):
     assert main(["train", *words, f"out={tmp_path / 'run'}", "total_frames=512"]) == 2
     error = capsys.readouterr().err
     assert "marl-cair: seven\nmarl-cair: frame " in error
-    assert "is saved; marl-cair train resume=" in error
+    assert f"is saved; marl-cair train resume={tmp_path / 'run'} allow_code=true goes" in error

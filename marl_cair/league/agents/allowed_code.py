@@ -85,8 +85,8 @@ def require_allowed(
     if code and allow_code is not True:
         raise CodeNotAllowedError(
             f"{place} names code, which runs only if you allow it: {listed}. If you trust it, add "
-            "--allow-code (to `marl-cair train resume=...`: allow_code=true), or set the "
-            f"environment variable {outside.ALLOWED}={','.join(code)}"
+            "--allow-code (to `marl-cair train resume=...`: allow_code=true), or name it in the "
+            f"environment variable {outside.ALLOWED}, divided by commas"
         )
     outside.allow_code(*filter(is_place, held))  # agents of the run have the same networks
     if code:

@@ -131,9 +131,18 @@ def rate_and_report(
 
 
 def _count_forfeits(stored: StoredGames, names: Mapping[int, str]) -> list[tuple[str, str, int]]:
-    """Agents, reasons, and how many games each agent has forfeited for each reason."""
-    lost = zip(*np.nonzero(stored.has_forfeited), strict=True)
-    counts = Counter((names[stored.agents[n, t]], stored.reasons[n]) for n, t in lost)
+    """Agents, reasons, and how many games each agent has forfeited for each reason.
+
+    A game has one reason, that of the first team.
+    """
+    counts: Counter[tuple[str, str]] = Counter()
+    for agents, lost, reason in zip(
+        stored.agents, stored.has_forfeited, stored.reasons, strict=True
+    ):
+        called = [names[agent] for agent in dict.fromkeys(agents[lost].tolist())]
+        for name in called:
+            why = reason if name == called[0] else f"in the same step as {called[0]}"
+            counts[name, why] += 1
     return [(*about, count) for about, count in sorted(counts.items())]
 
 

@@ -198,7 +198,8 @@ def _make_errors(table: LeagueTable) -> Section:
         return Section("errors", title, ("No game was forfeited.",), in_text=False)
     rows = [(name, why, str(count)) for name, why, count in table.forfeits]
     shown = Table(("agent", "reason", "games"), rows, 2)
-    return Section("errors", title, ("Forfeited games count as lost.",), tables=(shown,))
+    words = "Forfeited games count as lost, or as drawn where all that were left forfeit at once."
+    return Section("errors", title, (words,), tables=(shown,))
 
 
 def _make_settings(table: LeagueTable, background: Background) -> Section:

@@ -53,7 +53,7 @@ def write_headline(table: LeagueTable) -> str:
 def write_summary(table: LeagueTable) -> list[str]:
     """How certain the headline is, which pairs are not distinguished, whether ratings suffice."""
     if table.ladder is None:
-        return [explain_no_ladder(table)]
+        return [*_list_forfeits(table), explain_no_ladder(table)]
     if len(table.ratings) == 1:
         return ["All games were played by one agent: a league needs two or more."]
     sentences = [*_list_forfeits(table), _describe_best(table, table.ladder)]
@@ -68,8 +68,8 @@ def _list_forfeits(table: LeagueTable) -> list[str]:
         lost[name] += count
     games = {rating.name: rating.games for rating in table.ratings}
     return [
-        f"{name} forfeited {count} of its {games[name]} games, which count as lost: its rating is "
-        "not only of its play (see Errors and forfeits)."
+        f"{name} forfeited {count}{f' of its {games[name]}' if name in games else ''} games: its "
+        "score is not of its play alone (see Errors and forfeits)."
         for name, count in lost.items()
     ]
 

@@ -112,8 +112,8 @@ def _switch_off(run: TrainingRun, what: str, error: Exception) -> None:
     run.generator_failures += 1
     run.generator_is_on = run.gate_is_open = run.replay.generated_open = False
     run.replay.generated.clear()
-    write_atomically(run.folder / FAILURE_FILE, "".join(traceback.format_exception(error)))
     run.make_generator()  # the next one: a state with weights that are not finite cannot be loaded
+    write_atomically(run.folder / FAILURE_FILE, "".join(traceback.format_exception(error)))
     then = "a new one is tried at the next evaluation"
     if run.generator_failures > MOST_RETRIES:
         then = f"it stays off after {run.generator_failures} failures"

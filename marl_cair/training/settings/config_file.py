@@ -6,6 +6,7 @@ import dataclasses
 import io
 import math
 import os
+import shlex
 import types
 import typing
 from collections.abc import Mapping
@@ -93,7 +94,7 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
 def resume_command(config: TrainConfig) -> str:
     """The command line that resumes a run."""
     allow = " allow_code=true" if any(map(is_code, list_sources(config))) else ""
-    return f"marl-cair train resume={config.out}{allow}"
+    return f"marl-cair train resume={shlex.quote(config.out)}{allow}"
 
 
 def list_sources(config: TrainConfig) -> list[str]:
@@ -126,7 +127,7 @@ def read_stored(path: Path, kind: Any, values: Any) -> Any:
     """`build_value` of the values in the file `path`, which its errors name."""
     try:
         return build_value(kind, values)
-    except ValueError as error:
+    except (ValueError, TypeError) as error:  # TypeError: a field is missing
         raise ValueError(f"{path}, perhaps of another version of marl_cair: {error}") from error
 
 

@@ -5,13 +5,15 @@ import dataclasses
 import sqlite3
 import subprocess
 import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from marl_cair.files import OutputFolderError
 from marl_cair.games import GAMES
 from marl_cair.league.league import LeagueConfig, _short_names, play_league, run_league
-from marl_cair.league.report.report import name_agents, report_stored
+from marl_cair.league.report.report import _count_forfeits, name_agents, report_stored
 from marl_cair.league.store.schema import AgentRecord
 from marl_cair.league.store.store import STORE_FILE
 
@@ -38,6 +40,21 @@ def test_agents_of_one_name_have_ids_beside_it_but_for_a_bot(agents, names):
 def test_no_name_with_an_id_is_that_of_another():
     agents = [("a", "bot"), ("a", "network"), ("a (2)", "network")]
     assert name(*agents) == ["a", "a (2) (2)", "a (2) (3)"]
+
+
+def test_forfeits_are_counted_once_for_each_agent_of_a_game():
+    """A game has one reason; an agent may hold several seats, and several may fail at once."""
+    games = SimpleNamespace(
+        agents=np.array([[7, 8, 7], [8, 7, 7], [8, 7, 7], [7, 8, 7]]),
+        has_forfeited=np.array([[True, False, True], [True, True, False], [False] * 3, [True] * 3]),
+        reasons=("a crashed", "b was late", "", "a crashed"),
+    )
+    assert _count_forfeits(games, {7: "a", 8: "b"}) == [
+        ("a", "a crashed", 2),
+        ("a", "in the same step as b", 1),
+        ("b", "b was late", 1),
+        ("b", "in the same step as a", 1),
+    ]
 
 
 @pytest.mark.slow

@@ -14,16 +14,11 @@ from torchrl._utils import logger as torchrl_logger
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.data.replay_buffers.samplers import RandomSampler
 
-from marl_cair.replay import (
-    EpisodeReplayBuffer,
-    GeneratedReplay,
-    MixedReplay,
-    ReplayConfig,
-    Rollout,
-    TransitionSpec,
-    make_replay_buffer,
-)
-from marl_cair.replay.transition import EXPERIENCE_KEYS, NO_ACTION
+from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
+from marl_cair.replay.generated import GeneratedReplay
+from marl_cair.replay.mixed import MixedReplay
+from marl_cair.replay.rollout import Rollout
+from marl_cair.replay.transition import EXPERIENCE_KEYS, NO_ACTION, TransitionSpec
 
 SPEC = TransitionSpec((28, 10, 15), num_actions=185, num_uniform=10)
 NUM_STREAMS = 256

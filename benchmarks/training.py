@@ -157,7 +157,7 @@ class FullLoop:
             device=device,
             synthetic_fraction=0.0,
             policy=read_preset(policy),
-            opponent=OpponentSettings(latest, warmup_mixture=latest, snapshot_every_frames=10**9),
+            opponent=OpponentSettings(latest, snapshot_every_frames=10**9),
             collector=CollectorSettings(WORLDS, STEPS),
             replay=ReplaySettings(CAPACITY, min_transitions=MIN_TRANSITIONS),
             learner=LearnerSettings(

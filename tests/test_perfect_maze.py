@@ -8,7 +8,7 @@ from benchmarks._perfect_maze import PerfectMazeGenerator
 from marl_cair import make_engine
 from marl_cair.games.deep_maze.observation import TIME_LEFT
 from marl_cair.games.randomness import episode_seeds
-from marl_cair.generative import GeneratorConfig, GeneratorSpec
+from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from tests.generative.plane_game import pack_rows
 
 NUM_WORLDS, NUM_MOVES = 64, 500

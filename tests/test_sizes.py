@@ -8,13 +8,13 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 MAX_FILES_IN_A_FOLDER = 16
 # Lines of Python in each part. A change that needs more raises its number here, knowingly.
 MAX_LINES = {
-    "games": 21_695,
+    "games": 21_660,
     "policies": 2_465,
-    "replay": 2_470,
-    "generative": 3_425,
+    "replay": 2_455,
+    "generative": 3_415,
     "self_play": 1_035,
     "league": 8_055,
-    "training": 7_970,
+    "training": 7_950,
     "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,

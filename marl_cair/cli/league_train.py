@@ -15,8 +15,12 @@ from marl_cair.cli.match_options import add_options
 from marl_cair.cli.parser import Parser
 from marl_cair.lookup import find_by_name, import_place
 from marl_cair.training.population.league_examples import EXAMPLES, PSRO_EXAMPLES
-from marl_cair.training.population.league_settings import LeagueSettings, build_league, load_league
-from marl_cair.training.population.psro_settings import PsroSettings, build_psro, load_psro
+from marl_cair.training.population.league_settings import (
+    LeagueSettings,
+    build_league,
+    load_settings,
+)
+from marl_cair.training.population.psro_settings import PsroSettings, build_psro
 from marl_cair.training.settings.options import read_comments
 
 
@@ -31,7 +35,6 @@ class _Command(NamedTuple):
     more: str  # the option that makes a run longer
     examples: Mapping[str, dict[str, Any]]
     build: Callable[[Mapping[str, Any]], Any]
-    load: Callable[[str, bool], Any]
     train: str  # "module:function", imported when it is called
 
 
@@ -45,7 +48,6 @@ TRAIN = _Command(
     more="total_frames",
     examples=EXAMPLES,
     build=build_league,
-    load=load_league,
     train=f"{_POPULATION}.league_run:train_league",
 )
 PSRO = _Command(
@@ -58,7 +60,6 @@ PSRO = _Command(
     more="rounds",
     examples=PSRO_EXAMPLES,
     build=build_psro,
-    load=load_psro,
     train=f"{_POPULATION}.psro:train_psro",
 )
 
@@ -82,7 +83,7 @@ def _run(command: _Command, arguments: Sequence[str]) -> int:
         return EXIT_DONE
     if options.file is None:
         raise ValueError(f"no file is given: write {command.words} {command.file}")
-    settings = command.load(options.file, options.allow_code)
+    settings: Any = load_settings(options.file, command.build, options.allow_code)
     changes = {"out": options.out, "max_minutes": options.minutes}
     given = {name: value for name, value in changes.items() if value is not None}
     result = import_place(command.train)(dataclasses.replace(settings, **given))

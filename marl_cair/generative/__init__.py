@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from marl_cair.generative.settings import GateConfig, GeneratorConfig, GeneratorSpec, NetworkSize
-from marl_cair.lookup import LazyTable, import_when_used
+from marl_cair.lookup import LazyTable
 
 if TYPE_CHECKING:
     from marl_cair.generative.generator import Generator
-
-__all__ = ["GENERATORS", "GateConfig", "GeneratorConfig", "GeneratorSpec", "NetworkSize"]
+    from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 
 GENERATORS: LazyTable[Callable[[GeneratorConfig, GeneratorSpec], Generator]] = LazyTable(
     {
@@ -20,12 +18,4 @@ GENERATORS: LazyTable[Callable[[GeneratorConfig, GeneratorSpec], Generator]] = L
         "ccdn_thesis": "marl_cair.generative.thesis:ThesisGenerator",
     },
     group="marl_cair.generators",
-)
-__getattr__ = import_when_used(
-    __name__,
-    {
-        "CCDNGenerator": "marl_cair.generative.generator:CCDNGenerator",
-        "GateReport": "marl_cair.generative.gate:GateReport",
-        "Generator": "marl_cair.generative.generator:Generator",
-    },
 )

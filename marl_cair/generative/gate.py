@@ -17,7 +17,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from marl_cair.generative.quality import Imagined, find_auc
-from marl_cair.generative.settings import GateConfig, GeneratorSpec
+from marl_cair.generative.settings import CERTAIN_TERMINAL, GateConfig, GeneratorSpec
 from marl_cair.ranges import FLAG, Range, read_number
 
 _CONSTANT = 1e-3  # standard deviation of rewards: where it is smaller they hardly vary
@@ -168,14 +168,14 @@ def tune_acceptance(
     (`min_rare_rows`) held-out ones, as `measure_rare` counts them: fewer cannot show that they are
     predicted.
     """
-    unlikely = 1.0 - config.certain_terminal
+    unlikely = 1.0 - CERTAIN_TERMINAL
     if len(ends):
         # The least likely of few ends is the bound, though not all of the share is used then.
         share = max(config.max_terminal_overlooked, 1.0 / (len(ends) + 1))
         unlikely = min(unlikely, _find_bound(ends, share))
     return Acceptance(
         min_surety=_find_bound(made.surety, config.tail),
-        certain=config.certain_terminal,
+        certain=CERTAIN_TERMINAL,
         unlikely=unlikely,
         may_end=len(ends) >= config.min_terminals,
         may_be_rare=numbers["rare/num_rewards"] >= config.min_rare_rows,

@@ -11,7 +11,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-from marl_cair.generative import quality
+from marl_cair.generative import quality, settings
 from marl_cair.generative.gate import (
     GateReport,
     check_quality,
@@ -152,7 +152,7 @@ class CCDNGenerator:
         rows = self._move(rows)
         others = read_others(rows)
         hidden = torch.rand(len(rows), generator=self._generators[TRAINING]).to(others.device)
-        others[hidden < self.config.unknown_share] = UNKNOWN_ACTION
+        others[hidden < settings.UNKNOWN_SHARE] = UNKNOWN_ACTION
         units = [self._counts.reward_unit, self._counts.end_unit]
         network.outcome.reward_units.copy_(torch.tensor(units))
         correction = correction._replace(weights=correction.weights.to(others.device))
@@ -219,10 +219,9 @@ class CCDNGenerator:
     def evaluate(self) -> GateReport:
         """Compute metrics on held-out rows: one half tunes the acceptance, the other tests it."""
         gate = self.config.gate
-        if self._heldout.num_rows < gate.min_heldout_rows:
-            reason = (
-                f"only {self._heldout.num_rows} held-out rows, {gate.min_heldout_rows} are needed"
-            )
+        needed = settings.MIN_HELDOUT_ROWS
+        if self._heldout.num_rows < needed:
+            reason = f"only {self._heldout.num_rows} held-out rows, {needed} are needed"
             self.last_report = GateReport(False, (reason,))
             return self.last_report
         rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 MAX_ROUNDS = 4  # of proposals in one call, if many are rejected
 # Of an open gate: factor for changed cells, which vary by 0.03; gains of scalars vary by 0.01.
 _SLACK_OF_CELLS, _SLACK_OF_GAINS = 0.9, 0.02
+_SLACK_WHEN_OPEN = 0.7  # of shares found or explained, which vary by 0.1
+MIN_HELDOUT_ROWS = 200  # below this the standard error of a share is above 3 %
+CERTAIN_TERMINAL = 0.8  # the network must be this sure of an end, or of none at least
+UNKNOWN_SHARE = 0.1  # of rows trained without the other players' actions
 
 
 def _require(holds: bool, name: str, value: object, allowed: str) -> None:
@@ -199,7 +203,6 @@ class AdversarialSettings:
 class GateConfig:
     """Thresholds for the use of generated transitions, each with its reason."""
 
-    min_heldout_rows: int = 200  # below this the standard error of a share is above 3 %
     min_changed_f1: float = 0.6  # a copy scores 0; emptying every cell half if all units move
     min_change_explained: float = 0.6  # of pictures and vectors, for the F1: of squared change
     min_reward_explained: float = 0.6  # of their variance; what views hide cannot be explained
@@ -214,14 +217,11 @@ class GateConfig:
     max_rare_missed: float = 0.4  # share of wrong rare rewards
     min_mask_accuracy: float = 0.98  # of entries: a wrong entry shifts a max over many actions
     min_scalar_gain: float = -0.03  # accuracy of each uniform plane, and of masks, less a copy's
-    slack_when_open: float = 0.7  # of shares found or explained, which vary by 0.1
     evaluation_rows: int = 512  # held-out rows per evaluation; half of them tune the acceptance
     tail: float = 0.03  # share of predictions for real rows that are rejected as unsure
-    certain_terminal: float = 0.8  # the network must be this sure of an end, or of none at least
 
     def __post_init__(self) -> None:
         for holds, name, allowed in (
-            (0.0 < self.slack_when_open <= 1.0, "slack_when_open", "a share above 0, at most 1"),
             (
                 0.0 < self.max_terminal_overlooked <= 1.0,
                 "max_terminal_overlooked",
@@ -230,13 +230,12 @@ class GateConfig:
             (0.0 < self.tail < 0.5, "tail", "a share above 0 and below 0.5"),
             (self.min_terminals >= 1, "min_terminals", "1 or more"),
             (self.min_rare_rows >= 1, "min_rare_rows", "1 or more"),
-            (0.5 <= self.certain_terminal < 1.0, "certain_terminal", "0.5 up to below 1"),
         ):
             _require(holds, name, getattr(self, name), allowed)
 
     def loosen(self) -> GateConfig:
         """Thresholds of an open gate: without slack, noise would open and shut it in turn."""
-        slack = self.slack_when_open
+        slack = _SLACK_WHEN_OPEN
         auc_above_chance = max(0.0, self.min_terminal_auc - 0.5)
         return replace(
             self,
@@ -260,7 +259,6 @@ class GeneratorConfig:
     heldout_share: float = 0.1  # of real transitions, by hash of their index
     heldout_capacity: int = 4096  # transitions; fewer hold only a part of each game
     counterfactual_share: float = 0.5  # of rows whose first step is generated take another action
-    unknown_share: float = 0.1  # of rows trained without the other players' actions
     seed: int = 0  # of weights and sampling; a training run gives its own
     size: NetworkSize = field(default_factory=NetworkSize)
     thesis: ThesisSize = field(default_factory=ThesisSize)
@@ -270,13 +268,12 @@ class GeneratorConfig:
     def __post_init__(self) -> None:
         for name, least in (
             ("rare_capacity", 1),
-            ("heldout_capacity", max(8, self.gate.min_heldout_rows)),  # an eighth is of rare rows
+            ("heldout_capacity", MIN_HELDOUT_ROWS),  # an eighth is of rare rows
         ):
             value = getattr(self, name)
             _require(value >= least, name, value, f"{least} or more")
         for name in ("rare_share", "heldout_share"):
             share = getattr(self, name)
             _require(0.0 < share < 1.0, name, share, "a share above 0 and below 1")
-        for name in ("counterfactual_share", "unknown_share"):
-            share = getattr(self, name)
-            _require(0.0 <= share <= 1.0, name, share, "0..1")
+        share = self.counterfactual_share
+        _require(0.0 <= share <= 1.0, "counterfactual_share", share, "0..1")

@@ -8,7 +8,11 @@ import pytest
 from marl_cair.cli import main
 from marl_cair.cli.league_train import PSRO, TRAIN, format_options
 from marl_cair.league.agents.mixtures import read_mixture
-from marl_cair.training.population.league_settings import LeagueSettings, RoleSettings
+from marl_cair.training.population.league_settings import (
+    LeagueSettings,
+    RoleSettings,
+    load_settings,
+)
 from marl_cair.training.population.psro_settings import PsroSettings
 from marl_cair.training.settings.options import list_options, read_comments
 from tests.refusals import assert_refused
@@ -27,7 +31,7 @@ def test_an_example_holds_every_option_with_its_comment_and_is_the_same_when_rea
     assert main(["league", command, "--example", name]) == 0
     text = capsys.readouterr().out
     (tmp_path / "file.yaml").write_text(text, "utf-8")
-    assert about.load(tmp_path / "file.yaml", False) == about.build(about.examples[name])
+    assert load_settings(tmp_path / "file.yaml", about.build) == about.build(about.examples[name])
     for owner in SETTINGS[command]:
         for option, comment in read_comments(owner).items():
             assert f"# {comment}" in text, option

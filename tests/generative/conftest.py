@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from marl_cair.generative import CCDNGenerator, GateConfig, GeneratorConfig, NetworkSize
+from marl_cair.generative.generator import CCDNGenerator
+from marl_cair.generative.settings import GateConfig, GeneratorConfig, NetworkSize
 from tests.generative.plane_game import SPEC, play_randomly
 
 SMALL = GeneratorConfig(

@@ -6,8 +6,9 @@ import dataclasses
 import pytest
 import torch
 
-from marl_cair.generative import GENERATORS, CCDNGenerator
+from marl_cair.generative import GENERATORS
 from marl_cair.generative.ccgan import CCGANGenerator
+from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.generative.settings import AdversarialSettings
 from tests.generative.conftest import SMALL
 from tests.generative.plane_game import SPEC

@@ -3,12 +3,12 @@
 import pytest
 import torch
 
-from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.generative.codecs import LEVELS, FrameCodec, VectorCodec, make_coded_generator
 from marl_cair.generative.gate import check_quality
+from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.generative.quality import Imagined, measure_rows
 from marl_cair.generative.rollouts import Rollouts
-from marl_cair.generative.settings import GateConfig
+from marl_cair.generative.settings import GateConfig, GeneratorConfig, GeneratorSpec, NetworkSize
 from marl_cair.replay.transition import TransitionSpec, check_transitions
 from tests.generative.plane_game import pack_rows
 

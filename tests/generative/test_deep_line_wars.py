@@ -6,7 +6,8 @@ import torch
 
 from marl_cair import make_engine
 from marl_cair.games.randomness import episode_seeds
-from marl_cair.generative import CCDNGenerator, GeneratorConfig, GeneratorSpec
+from marl_cair.generative.generator import CCDNGenerator
+from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.transition import check_transitions
 from tests.generative.plane_game import pack_rows
 

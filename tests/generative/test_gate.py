@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 import torch
 
-from marl_cair.generative import GateConfig
 from marl_cair.generative.gate import (
     Acceptance,
     GateReport,
@@ -18,6 +17,7 @@ from marl_cair.generative.gate import (
 )
 from marl_cair.generative.heldout import make_empty_transitions
 from marl_cair.generative.quality import Imagined
+from marl_cair.generative.settings import GateConfig
 from tests.generative.plane_game import SPEC, TERRAIN, TOWER
 
 GOOD = {

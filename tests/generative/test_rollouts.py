@@ -7,7 +7,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from marl_cair.generative import CCDNGenerator
+from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.generative.heldout import make_empty_transitions
 from marl_cair.generative.rollouts import Rollouts, imagine_sequences
 from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer

@@ -5,8 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from marl_cair.generative import GateConfig, GeneratorConfig, GeneratorSpec, NetworkSize
-from marl_cair.generative.settings import ThesisSize
+from marl_cair.generative.settings import (
+    GateConfig,
+    GeneratorConfig,
+    GeneratorSpec,
+    NetworkSize,
+    ThesisSize,
+)
 from tests.generative.plane_game import NUM_ACTIONS, SPEC
 
 FRAMES = {"observation_shape": (3, 16, 16), "num_uniform": 1, "num_frames": 2}
@@ -28,15 +33,12 @@ FRAMES = {"observation_shape": (3, 16, 16), "num_uniform": 1, "num_frames": 2}
         (GeneratorConfig(), {"heldout_share": 1.0}, "1.0, expected a share above 0 and below 1"),
         (GeneratorConfig(), {"counterfactual_share": 1.5}, r"share is 1.5, expected 0\.\.1"),
         (NetworkSize(), {"channels": 0}, "size.channels is 0, expected 1 or more"),
-        (GeneratorConfig(), {"unknown_share": -0.1}, r"unknown_share is -0.1, expected 0\.\.1"),
         (NetworkSize(), {"depth": 0}, "size.depth is 0, expected 1 or more"),
         (ThesisSize(), {"hidden": 0}, "thesis.hidden is 0, expected 1 or more"),
         (ThesisSize(), {"learning_rate": 0.0}, "thesis.learning_rate is 0.0, expected above 0"),
         (GateConfig(), {"tail": 0.5}, "tail is 0.5, expected a share above 0 and below 0.5"),
-        (GateConfig(), {"certain_terminal": 0.4}, "0.4, expected 0.5 up to below 1"),
         (GateConfig(), {"min_terminals": 0}, "min_terminals is 0, expected 1 or more"),
         (GateConfig(), {"min_rare_rows": 0}, "min_rare_rows is 0, expected 1 or more"),
-        (GateConfig(), {"slack_when_open": 0.0}, "^slack_when_open is 0.0, expected a share"),
     ],
 )
 def test_invalid_settings_are_refused(valid, changes, message):

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from marl_cair.replay import Rollout, TransitionSpec
-from marl_cair.replay.transition import NO_ACTION
+from marl_cair.replay.rollout import Rollout
+from marl_cair.replay.transition import NO_ACTION, TransitionSpec
 
 SMALL = TransitionSpec((5, 2, 3), num_actions=11, num_uniform=2)
 

@@ -9,15 +9,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from marl_cair.replay import (
-    EpisodeReplayBuffer,
-    GeneratedReplay,
-    ReplayConfig,
-    TransitionSpec,
-    check_transitions,
-    make_replay_buffer,
-)
+from marl_cair.replay.buffer import EpisodeReplayBuffer, ReplayConfig, make_replay_buffer
+from marl_cair.replay.generated import GeneratedReplay
 from marl_cair.replay.reservoir import Reservoir
+from marl_cair.replay.transition import TransitionSpec, check_transitions
 from tests.damage import forget_checksums
 from tests.replay.streams import SMALL, assert_same_rows, make_rollout, make_transitions
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from marl_cair.replay import EpisodeStorage, Rollout
+from marl_cair.replay.rollout import Rollout
+from marl_cair.replay.storage import EpisodeStorage
 from tests.replay.streams import SMALL, make_rollout
 
 

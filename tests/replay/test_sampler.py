@@ -5,16 +5,17 @@ import pytest
 import torch
 from scipy.stats import chisquare
 
-from marl_cair.replay import (
-    EpisodeStorage,
-    GeneratedReplay,
-    MixedReplay,
+from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
+from marl_cair.replay.generated import GeneratedReplay
+from marl_cair.replay.mixed import MixedReplay
+from marl_cair.replay.sampler import (
     PrioritizedSampler,
-    ReplayConfig,
     UniformSampler,
-    make_replay_buffer,
+    draw_integers,
+    find_slots,
+    set_priorities,
 )
-from marl_cair.replay.sampler import draw_integers, find_slots, set_priorities
+from marl_cair.replay.storage import EpisodeStorage
 from tests.replay.streams import SMALL, make_rollout, make_transitions
 
 CAPACITY = 60

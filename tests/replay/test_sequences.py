@@ -9,16 +9,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from marl_cair.replay import (
-    EpisodeStorage,
-    GeneratedReplay,
-    GeneratedSequences,
-    MixedReplay,
-    ReplayConfig,
-    TransitionSpec,
-    make_replay_buffer,
-)
+from marl_cair.replay.buffer import ReplayConfig, make_replay_buffer
+from marl_cair.replay.generated import GeneratedReplay, GeneratedSequences
+from marl_cair.replay.mixed import MixedReplay
 from marl_cair.replay.sequences import find_sequence_errors
+from marl_cair.replay.storage import EpisodeStorage
+from marl_cair.replay.transition import TransitionSpec
 from tests.damage import forget_checksums
 from tests.replay.streams import assert_same_rows, make_rollout
 

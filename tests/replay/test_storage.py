@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from marl_cair.files import NotEnoughSpaceError
-from marl_cair.replay import EpisodeStorage, Rollout, TransitionSpec
-from marl_cair.replay.transition import UNKNOWN_ACTION
+from marl_cair.replay.rollout import Rollout
+from marl_cair.replay.storage import EpisodeStorage
+from marl_cair.replay.transition import UNKNOWN_ACTION, TransitionSpec
 from tests.replay.streams import SMALL, ListReplay, make_rollout
 
 

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from marl_cair.replay import TransitionSpec, check_transitions
-from marl_cair.replay.transition import EXPERIENCE_KEYS, TRANSITION_KEYS
+from marl_cair.replay.transition import (
+    EXPERIENCE_KEYS,
+    TRANSITION_KEYS,
+    TransitionSpec,
+    check_transitions,
+)
 from tests.replay.streams import SMALL, make_transitions
 
 

@@ -21,9 +21,9 @@ from marl_cair.league.mixing import mix_league
 from marl_cair.league.report.report import report_stored
 from marl_cair.league.store.store import STORE_FILE
 from marl_cair.training.population.league_run import train_league
-from marl_cair.training.population.league_settings import load_league
+from marl_cair.training.population.league_settings import build_league, load_settings
 from marl_cair.training.population.league_slice import Budget, run_slice
-from marl_cair.training.population.psro_settings import load_psro
+from marl_cair.training.population.psro_settings import build_psro
 from marl_cair.training.run import RESUME_FOLDER, TrainingRun
 from marl_cair.training.settings.config_file import load_config
 from marl_cair.training.settings.demonstration import DemonstrationSettings
@@ -313,12 +313,12 @@ class TestPlan:
     PLAN = "training:\n  demonstration:\n    agents:\n      bad: {}\n"
 
     @EVERY_CODE
-    @pytest.mark.parametrize("load", [load_league, load_psro])
-    def test_a_plan_runs_no_code(self, here, load, source):
+    @pytest.mark.parametrize("build", [build_league, build_psro])
+    def test_a_plan_runs_no_code(self, here, build, source):
         (here / "plan.yaml").write_text(self.PLAN.format(json.dumps(source)), "utf-8")
         with pytest.raises(CodeNotAllowedError, match="plan.yaml names code"):
-            load("plan.yaml")
-        load("plan.yaml", allow_code=True)
+            load_settings("plan.yaml", build)
+        load_settings("plan.yaml", build, allow_code=True)
         assert not ran(here)
 
     @pytest.mark.parametrize("command", ["train", "psro"])

@@ -8,8 +8,9 @@ import torch
 
 from marl_cair.checkpoint import load_tensors
 from marl_cair.games import GAMES
-from marl_cair.generative import CCDNGenerator, generator
+from marl_cair.generative import generator
 from marl_cair.generative.gate import Acceptance, GateReport
+from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.generative.settings import ThesisSize
 from marl_cair.policies import NO_MEMORY
 from marl_cair.policies.q_network import QNetworkConfig

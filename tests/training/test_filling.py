@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from marl_cair.games import make_engine
-from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.gate import Acceptance, GateReport
+from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay import load_dataset
 from marl_cair.training.collecting.filling import _check_game

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from marl_cair.games import game_package as package
 from marl_cair.games.deep_rts import state as s
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.art import rendering
@@ -41,7 +43,7 @@ def make_spec(scenario: Scenario) -> GameSpec:
         action_group_names=group_names,
         action_cells=np.array(cells, np.int32),
         noop_action=names.index("noop"),
-        representations=MappingProxyType(_representations(scenario)),
+        representations=_representations(scenario),
         static_planes=(),
         exclusive_planes=(
             tuple(range(planes.FIRST_TILE, planes.RESOURCE_LEFT)),
@@ -107,35 +109,24 @@ def _grid_actions(scenario: Scenario) -> Actions:
 _ACTIONS = {"unit": _unit_actions, "classic": _classic_actions, "grid": _grid_actions}
 
 
-def _representations(scenario: Scenario) -> dict[str, Representation]:
+def _representations(scenario: Scenario) -> Mapping[str, Representation]:
     board, pixels = (scenario.rows, scenario.columns), scenario.tile_pixels
-    image, gray = (3, board[0] * pixels, board[1] * pixels), (1, *[rendering.GRAY_SIDE] * 2)
-    rgb, classic, vector = ("red", "green", "blue"), views.CLASSIC_NAMES, views.VECTOR_NAMES
-    listed = (
-        Representation(
+    return package.list_by_name(
+        package.show_board(
             "planes",
-            (len(planes.PLANE_NAMES), *board),
-            np.uint8,
-            255,
             planes.PLANE_NAMES,
+            board,
             observation.observe_planes,
             num_uniform=planes.NUM_UNIFORM,
             make_memory=partial(observation.make_memory, scenario),
         ),
-        Representation("classic", (10, *board), np.uint8, 255, classic, views.observe_classic),
-        Representation("image", image, np.uint8, 255, rgb, rendering.observe_image),
-        Representation("gray", gray, np.uint8, 255, ("luma",), rendering.observe_gray),
-        Representation(
-            "vector",
-            (len(vector),),
-            np.float32,
-            views.vector_high(scenario),
-            vector,
-            views.observe_vector,
-            low=(0.0,) * len(vector),
+        package.show_board("classic", views.CLASSIC_NAMES, board, views.observe_classic),
+        package.show_picture(board[0] * pixels, board[1] * pixels, rendering.observe_image),
+        package.show_gray(rendering.GRAY_SIDE, rendering.observe_gray),
+        package.show_numbers(
+            "vector", views.VECTOR_NAMES, views.vector_high(scenario), views.observe_vector
         ),
     )
-    return {representation.name: representation for representation in listed}
 
 
 GAME = Game(

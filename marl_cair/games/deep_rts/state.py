@@ -10,13 +10,14 @@ column + 1, so that no rule asks for the edge. Unit slots 0..U-1 belong to the p
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from marl_cair.games.deep_rts import tables as t
 from marl_cair.games.deep_rts.scenarios import Scenario
+from marl_cair.games.game_package import allocate_world
 from marl_cair.games.loops import make_world_at
 
 NO_UNIT = -1
@@ -111,46 +112,38 @@ NUM_UNIT_COLUMNS = UNIT_QUEUE + QUEUE_LENGTH
 class World(NamedTuple):
     """B worlds (arrays [B, ...]), or one world (the same fields without B).
 
-    P players, C unit slots of a player, U = P * C, N cells with the border.
+    P players, C unit slots of a player, U = P * C, N cells with the border, S cells of fog.
     """
 
-    clock: NDArray[np.int32]  # [B, NUM_CLOCK]
-    seed: NDArray[np.uint64]  # [B, 1] word from which all dice of the game are hashed
-    board: NDArray[np.int16]  # [B, NUM_LAYERS, N]
-    players: NDArray[np.int32]  # [B, P, NUM_PLAYER_COLUMNS]
-    illegal: NDArray[np.int32]  # [B, P] illegal actions since reset
-    roster: NDArray[np.int16]  # [B, P, C] slots
-    vision: NDArray[np.uint8]  # [B, P, N] own units that see the cell (under fog only)
-    known: NDArray[np.uint8]  # [B, P, N] seen last, or UNKNOWN; in a team's first seat; fog only
-    units: NDArray[np.int32]  # [B, U, NUM_UNIT_COLUMNS]
-    due: NDArray[np.int32]  # [B, U] tick at which a unit's state ends, or NEVER
-    path: NDArray[np.uint64]  # [B, U] directions ahead, 3 bits each, the next one lowest
-    acting: NDArray[np.int16]  # [B, U] scratch of a tick: slots that are due
+    clock: Annotated[NDArray[np.int32], "NUM_CLOCK"]
+    seed: Annotated[NDArray[np.uint64], "1"]  # word from which all dice of the game are hashed
+    board: Annotated[NDArray[np.int16], "NUM_LAYERS N"]
+    players: Annotated[NDArray[np.int32], "P NUM_PLAYER_COLUMNS"]
+    illegal: Annotated[NDArray[np.int32], "P"]  # illegal actions since reset
+    roster: Annotated[NDArray[np.int16], "P C"]  # slots
+    vision: Annotated[NDArray[np.uint8], "P S"]  # own units that see the cell
+    known: Annotated[NDArray[np.uint8], "P S"]  # seen last, or UNKNOWN; in a team's first seat
+    units: Annotated[NDArray[np.int32], "U NUM_UNIT_COLUMNS"]
+    due: Annotated[NDArray[np.int32], "U"]  # tick at which a unit's state ends, or NEVER
+    path: Annotated[NDArray[np.uint64], "U"]  # directions ahead, 3 bits each, the next one lowest
+    acting: Annotated[NDArray[np.int16], "U"]  # scratch of a tick: slots that are due
 
 
 def allocate(scenario: Scenario, num_worlds: int) -> World:
     """Zeroed arrays for `num_worlds` worlds; play starts with `rules.reset`."""
-    players, cells = scenario.num_players, scenario.num_cells
-    slots = scenario.slots_per_player
-    units = players * slots
-    seen_cells = cells if scenario.fog else 1
-
-    def zeros(dtype: type, *shape: int) -> NDArray[Any]:
-        return np.zeros((num_worlds, *shape), dtype)
-
-    return World(
-        clock=zeros(np.int32, NUM_CLOCK),
-        seed=zeros(np.uint64, 1),
-        board=zeros(np.int16, NUM_LAYERS, cells),
-        players=zeros(np.int32, players, NUM_PLAYER_COLUMNS),
-        illegal=zeros(np.int32, players),
-        roster=zeros(np.int16, players, slots),
-        vision=zeros(np.uint8, players, seen_cells),
-        known=zeros(np.uint8, players, seen_cells),
-        units=zeros(np.int32, units, NUM_UNIT_COLUMNS),
-        due=zeros(np.int32, units),
-        path=zeros(np.uint64, units),
-        acting=zeros(np.int16, units),
+    players, slots = scenario.num_players, scenario.slots_per_player
+    return allocate_world(
+        World,
+        num_worlds,
+        P=players,
+        C=slots,
+        U=players * slots,
+        N=scenario.num_cells,
+        S=scenario.num_cells if scenario.fog else 1,
+        NUM_CLOCK=NUM_CLOCK,
+        NUM_LAYERS=NUM_LAYERS,
+        NUM_PLAYER_COLUMNS=NUM_PLAYER_COLUMNS,
+        NUM_UNIT_COLUMNS=NUM_UNIT_COLUMNS,
     )
 
 

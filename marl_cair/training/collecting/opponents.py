@@ -27,7 +27,7 @@ from marl_cair.self_play.samplers import BOTS, CURRICULUM, LATEST_ID, PFSP_BOTS,
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, LeagueSeat
 from marl_cair.self_play.win_rates import EVEN, OPPONENT, BettingTest, WinRecords
 from marl_cair.training.settings.checks import require
-from marl_cair.training.settings.config import OpponentSettings
+from marl_cair.training.settings.config import WARMUP_MIXTURE, OpponentSettings
 
 SNAPSHOTS = "pool"  # the name of all snapshots together in the log
 _SOONEST_SNAPSHOT = 0.25  # of snapshot_every_frames, after which a win rate may earn a snapshot
@@ -130,7 +130,7 @@ class OpponentBook:
 
     def _draw_line_up(self, frames: int) -> None:
         is_warm = frames >= self.settings.warmup_frames
-        mixture = self.settings.mixture if is_warm else self.settings.warmup_mixture
+        mixture = self.settings.mixture if is_warm else WARMUP_MIXTURE
         standings = samplers.read_standings(self.pool, self.records, frames)
         probabilities = samplers.mix(mixture, standings, self._options)
         snapshots = np.array([self.pool.is_snapshot(int(n)) for n in standings.numbers])
@@ -290,15 +290,11 @@ def expand_mixtures(settings: OpponentSettings) -> OpponentSettings:
         agents |= members
         shares[name] = dict(zip(members, mixture.weights, strict=True))
 
-    def expand(weights: Mapping[str, float]) -> dict[str, float]:
-        expanded: dict[str, float] = {}
-        for name, weight in weights.items():
-            for member, share in shares.get(name, {name: 1.0}).items():
-                expanded[member] = expanded.get(member, 0.0) + share * weight
-        return expanded
-
-    first, then = expand(settings.warmup_mixture), expand(settings.mixture)
-    return replace(settings, agents=agents, mixture=then, warmup_mixture=first)
+    expanded: dict[str, float] = {}
+    for name, weight in settings.mixture.items():
+        for member, share in shares.get(name, {name: 1.0}).items():
+            expanded[member] = expanded.get(member, 0.0) + share * weight
+    return replace(settings, agents=agents, mixture=expanded)
 
 
 def make_bots(names: Collection[str], game: Game, scenario: Any) -> list[Agent]:

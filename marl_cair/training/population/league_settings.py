@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import typing
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,11 +17,11 @@ from marl_cair.lookup import check_name
 from marl_cair.self_play.shared_folder import LEAGUE_EXPLOITER, MAIN, MAIN_EXPLOITER, ROLES
 from marl_cair.training.settings import checks, config_file
 from marl_cair.training.settings.checks import Count, Natural, Positive, Seed, Share, require
-from marl_cair.training.settings.config import OpponentSettings, TrainConfig
+from marl_cair.training.settings.config import TrainConfig
 
 # Options that the league sets for its learners.
 _TAKEN = ("out", "seed", "total_frames", "max_minutes", "stop_score")
-_TAKEN_OPPONENT = ("mixture", "warmup_mixture", "snapshot_every_frames", "snapshot_margin")
+_TAKEN_OPPONENT = ("mixture", "snapshot_every_frames", "snapshot_margin")
 _ROLE_DEFAULTS: dict[str, dict[str, Any]] = {
     # AlphaStar: 35 % self-play, 50 % PFSP over all past players, 15 % forgotten ones. A twentieth
     # of bots keeps it from losing to strategies that no league member plays.
@@ -43,7 +43,6 @@ class RoleSettings:
 
     learners: Natural = 1  # how many learners of this role
     mixture: dict[str, float] = field(default_factory={"pfsp": 1.0}.copy)  # as opponent.mixture
-    warmup_mixture: dict[str, float] = field(default_factory={"random": 1.0}.copy)  # as opponent's
     snapshot_every_frames: int = 100_000  # frames after which a player is frozen in any case
     snapshot_margin: float | None = 0.2  # sooner if a win rate surely above 1/2 by it; null: never
     reset_chance: Share = 0.0  # that the learner is reset once it has frozen a player
@@ -127,8 +126,6 @@ class LeagueSettings:
         values = _merge(self.training, settings.training)
         own = {name: getattr(settings, name) for name in _TAKEN_OPPONENT}
         opponent = {**values.get("opponent", {}), **own}
-        if not opponent.get("warmup_frames", OpponentSettings.warmup_frames):
-            del opponent["warmup_mixture"]
         return config_file.build_config({**values, "opponent": opponent, "out": out, "seed": seed})
 
 
@@ -138,16 +135,19 @@ def derive_seed(seed: int, learner: int, generation: int) -> int:
     return int(words[0] >> np.uint64(1))
 
 
-def load_league(path: str | Path, allow_code: AllowCode = False) -> LeagueSettings:
-    """The league that a YAML file describes; missing options have their defaults.
+def load_settings(
+    path: str | Path, build: Callable[[Mapping[str, Any]], Any], allow_code: AllowCode = False
+) -> Any:
+    """The league or the responses that a YAML file describes; missing options have their defaults.
 
+    build: `build_league` or `psro_settings.build_psro`.
     allow_code: which code that it names may run; see `league.agents.allowed_code`.
 
     Raises:
         CodeNotAllowedError: it names agents that are code, and they are not allowed.
         ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
     """
-    settings = build_league(read_options(path))
+    settings = build(read_options(path))
     require_allowed(settings.list_sources(), allow_code, path)
     return settings
 
@@ -164,7 +164,7 @@ def read_options(path: str | Path) -> dict[str, Any]:
 
 
 def build_league(values: Mapping[str, Any]) -> LeagueSettings:
-    """A league from nested plain values. Raises as `load_league`."""
+    """A league from nested plain values. Raises ValueError as its checks do."""
     filled = dict(values)
     for name, defaults in _ROLE_DEFAULTS.items():
         given = filled.get(name) or {}

@@ -5,14 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated, Any
 
 from marl_cair.games import GAMES
-from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.mixtures import SLACK
 from marl_cair.lookup import check_name
-from marl_cair.training.population.league_settings import derive_seed, read_options, refuse_given
+from marl_cair.training.population.league_settings import derive_seed, refuse_given
 from marl_cair.training.settings import checks, config_file
 from marl_cair.training.settings.checks import Allowed, Count, Positive, Seed, Share, require
 from marl_cair.training.settings.config import ENDLESS_FRAMES, GameSettings, TrainConfig
@@ -107,24 +105,13 @@ class PsroSettings:
 
         return begin_as(start, config)
 
-
-def load_psro(path: str | Path, allow_code: AllowCode = False) -> PsroSettings:
-    """The settings that a YAML file describes; missing options have their defaults.
-
-    allow_code: which code that it names may run; see `league.agents.allowed_code`.
-
-    Raises:
-        CodeNotAllowedError: it names agents that are code, and they are not allowed.
-        ValueError: no such file, no YAML, an unknown option, or a value that is not allowed.
-    """
-    settings = build_psro(read_options(path))
-    config = settings.response_config(0, {}, None)
-    require_allowed(config_file.list_sources(config), allow_code, path)
-    return settings
+    def list_sources(self) -> list[str]:
+        """Names of code, as `config_file.list_sources`."""
+        return config_file.list_sources(self.response_config(0, {}, None))
 
 
 def build_psro(values: Mapping[str, Any]) -> PsroSettings:
-    """The same from nested plain values. Raises as `load_psro`."""
+    """The settings from nested plain values. Raises ValueError as their checks do."""
     settings: PsroSettings = config_file.build_value(PsroSettings, values)
     return settings
 

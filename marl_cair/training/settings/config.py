@@ -47,6 +47,7 @@ from marl_cair.training.settings.offline import OfflineSettings
 from marl_cair.training.settings.replay import ReplaySettings
 
 # After AlphaStar and OpenAI Five; not shown to be the best (`marl-cair experiment opponents`).
+WARMUP_MIXTURE = {"random": 1.0}
 SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
 NO_GENERATOR, GAMES_FOLDER = "none", "games"  # in a run's folder: games of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
@@ -109,8 +110,7 @@ class OpponentSettings:
     """
 
     mixture: dict[str, float] = field(default_factory=SELF_PLAY.copy)  # weights by opponent's name
-    warmup_frames: Natural = 0  # frames in which `warmup_mixture` replaces `mixture`
-    warmup_mixture: dict[str, float] = field(default_factory={"random": 1.0}.copy)  # weights
+    warmup_frames: Natural = 0  # frames in which `random` alone is played in place of `mixture`
     agents: dict[str, str] = field(default_factory=dict)  # by name: folder or module:function
     snapshot_every_frames: Count = 100_000  # frames between two snapshots for the pool
     snapshot_margin: _Margin | None = 0.1  # one more once the best is surely beaten by it; or null
@@ -125,11 +125,11 @@ class OpponentSettings:
 
     def __post_init__(self) -> None:
         check_fields(self, "opponent.")
-        for name, mixture in (("mixture", self.mixture), ("warmup_mixture", self.warmup_mixture)):
-            require(len(mixture) > 0, f"opponent.{name}", mixture, "one or more weights by name")
-            for opponent, weight in mixture.items():
-                require(0 <= weight < math.inf, f"opponent.{name}.{opponent}", weight, "0 or more")
-            require(sum(mixture.values()) > 0, f"opponent.{name}", mixture, "above 0 in sum")
+        mixture = self.mixture
+        require(len(mixture) > 0, "opponent.mixture", mixture, "one or more weights by name")
+        for opponent, weight in mixture.items():
+            require(0 <= weight < math.inf, f"opponent.mixture.{opponent}", weight, "0 or more")
+        require(sum(mixture.values()) > 0, "opponent.mixture", mixture, "above 0 in sum")
         for name in self.agents:
             plain = re.fullmatch(r"\w+", name) is not None and name not in SAMPLERS
             allowed = f"names of letters, digits and _, none of {', '.join(SAMPLERS)}"
@@ -137,7 +137,7 @@ class OpponentSettings:
 
     def find_names(self) -> set[str]:
         """Names that have a weight above 0 at any time."""
-        first = self.warmup_mixture if self.warmup_frames else {}
+        first = WARMUP_MIXTURE if self.warmup_frames else {}
         return {name for name, weight in [*self.mixture.items(), *first.items()] if weight > 0}
 
     def check_names(self, bots: Mapping[str, Any]) -> None:
@@ -145,7 +145,7 @@ class OpponentSettings:
         for name in self.agents:
             allowed = f"another name than the game's bots have: {', '.join(bots)}"
             require(name not in bots, "opponent.agents", name, allowed)
-        for name in (*self.mixture, *self.warmup_mixture):
+        for name in self.mixture:
             check_name("opponent", name, bots, self.agents, SAMPLERS)
 
 
@@ -339,7 +339,7 @@ class TrainConfig:
 
     def _check_replay(self) -> None:
         """Raise ValueError for a buffer that drops steps before they have a next one."""
-        spec, seen = self.game.spec, {**self.opponent.mixture, **self.opponent.warmup_mixture}
+        spec, seen = self.game.spec, self.opponent.mixture
         seats = spec.num_players // (1 if "latest" in seen else spec.num_teams)
         least = 2 * seats * self.collector.num_worlds
         allowed = f"{least} or more: two steps of each own seat and world (collector.num_worlds)"

@@ -102,7 +102,7 @@ def list_sources(config: TrainConfig) -> list[str]:
     functions `module:attribute` of networks, heads, losses, explorations, samplers and generators.
     """
     agents = [*config.opponent.agents.values(), *config.demonstration.agents.values()]
-    names = [*config.opponent.mixture, *config.opponent.warmup_mixture, config.generator.name]
+    names = [*config.opponent.mixture, config.generator.name]
     names += [config.learner.algorithm, config.exploration.kind, config.replay.sampler]
     return [*agents, *config.policy.list_code(), *filter(is_place, names)]
 

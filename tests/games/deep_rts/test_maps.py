@@ -19,14 +19,13 @@ TURNED = [(2, 3), (3, 9), (9, 8), (8, 2)]  # each a quarter turn from the one be
 
 
 @pytest.mark.parametrize("frame", range(8))
-def test_a_view_shows_each_cell_where_to_own_says_and_back(frame):
+def test_a_view_shows_each_cell_where_to_own_says(frame):
     tiles = np.arange(15, dtype=np.uint8).reshape(3, 5)
     own = maps.transform_tiles(tiles, frame)
     assert own.shape == ((5, 3) if frame & maps.SWAP else (3, 5))
     for cell in np.ndindex(3, 5):
         there = maps.to_own(frame, *cell, 3, 5)
         assert own[there] == tiles[cell]
-        assert maps.from_own(frame, *there, 3, 5) == cell
 
 
 def test_composed_frames_show_what_one_after_the_other_shows():

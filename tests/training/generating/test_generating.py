@@ -6,8 +6,8 @@ import math
 import pytest
 import torch
 
-from marl_cair.generative import CCDNGenerator
 from marl_cair.generative.gate import Acceptance, GateReport
+from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log

@@ -56,17 +56,6 @@ def to_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[
     return row, column
 
 
-def from_own(frame: int, row: int, column: int, rows: int, columns: int) -> tuple[int, int]:
-    """Transform a cell of the view of `frame` to its world of `rows` x `columns`."""
-    if frame & SWAP:
-        rows, columns = columns, rows
-    if frame & MIRROR_ROWS:
-        row = rows - 1 - row
-    if frame & MIRROR_COLUMNS:
-        column = columns - 1 - column
-    return (column, row) if frame & SWAP else (row, column)
-
-
 def transform_tiles(tiles: NDArray[np.uint8], frame: int) -> NDArray[np.uint8]:
     """The board [H, W] as `frame` shows it: a view of the same memory, [W, H] after a swap."""
     own = tiles.T if frame & SWAP else tiles

@@ -15,6 +15,7 @@ from marl_cair.games.deep_rts.rules.judging import score_of
 from marl_cair.games.deep_rts.rules.roster import food_limit
 from marl_cair.games.deep_rts.views import planes
 from marl_cair.games.deep_rts.views.appearance import side_of
+from marl_cair.games.loops import loop_over_seats
 
 if TYPE_CHECKING:
     from marl_cair.games.deep_rts.scenarios import Scenario
@@ -171,19 +172,5 @@ def see_classic(world: Any, rules: Any, player: int, out: Any) -> None:
             out[9, row, column] = min(planes.FULL, int(rules.kinds[kind, rb.KIND_ARMOUR]))
 
 
-@compiled
-def observe_classic(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the original's layers: out uint8 [B, P, 10, H, W]."""
-    for index in range(first, last):
-        world = s.world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_classic(world, rules, player, out[index, player])
-
-
-@compiled
-def observe_vector(worlds: Any, rules: Any, out: Any, first: int, last: int) -> None:
-    """Write the economy of every seat: out float32 [B, P, V]."""
-    for index in range(first, last):
-        world = s.world_at(worlds, index)
-        for player in range(rules.num_players):
-            see_vector(world, rules, player, out[index, player])
+observe_classic = loop_over_seats(see_classic, s.world_at)  # out uint8 [B, P, 10, H, W]
+observe_vector = loop_over_seats(see_vector, s.world_at)  # out float32 [B, P, V]

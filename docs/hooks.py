@@ -1,5 +1,5 @@
-"""MkDocs hooks: pages that are kept beside the code (READMEs), links between all pages, and a game
-that is played on the first page.
+"""MkDocs hooks: pages that are kept beside the code (READMEs), links between all pages, files that
+pages show, and a game that is played on the first page.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ SEARCH = Package(
     sha512="roeaaI+Lg1LJNfgpCjoRe/+WzEjy9+Z08LoEvu85MCPbBjwm+qXz8Ag5U05lHa6V1CysZyGzE0SOkAtSUA5q7Q==",
     files=("LICENSE", "shim/index.js"),
 )
+# A file that the site shows in place of the comment; a link to it stands before.
+SHOWN = re.compile(r"<!-- show (\S+) -->")
 # A picture's or link's target; code in backticks is left alone.
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
 
@@ -68,7 +70,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Point links at pages of the site, or at the repository if the target is no page."""
+    """Point links at pages of the site, or at the repository if the target is no page; show files."""
     here = page.file.src_uri
     sources = {target: source for source, target in PAGES.items()}
     folder = posixpath.dirname(sources.get(here, f"docs/{here}"))
@@ -84,6 +86,9 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         return f"{config.extra['social'][0]['link']}/{kind}/main/{path}{anchor}"
 
     linked = LINK.sub(relink, markdown)
+    linked = SHOWN.sub(
+        lambda match: f"```python\n{(ROOT / match[1]).read_text('utf-8')}```", linked
+    )
     if here != "index.md":
         return linked
     before, found, after = linked.partition(FRAME_AFTER)

@@ -60,7 +60,7 @@ def train_with(out, **changes):
 def test_the_page_names_every_example():
     page = (ROOT / "docs/extending.md").read_text("utf-8")
     for path in FOLDER.glob("*.py"):
-        assert f'--8<-- "docs/extending/{path.name}"' in page
+        assert f"<!-- show docs/extending/{path.name} -->" in page
         assert f"(extending/{path.name})" in page
 
 

@@ -70,7 +70,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Point links at pages of the site, or at the repository if the target is no page; show files."""
+    """Point links at pages of the site, or at the repository if there is no page; show files."""
     here = page.file.src_uri
     sources = {target: source for source, target in PAGES.items()}
     folder = posixpath.dirname(sources.get(here, f"docs/{here}"))

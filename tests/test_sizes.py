@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 3_415,
     "self_play": 1_035,
     "league": 8_055,
-    "training": 7_950,
+    "training": 7_960,
     "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,

@@ -268,7 +268,7 @@ class GeneratorConfig:
     def __post_init__(self) -> None:
         for name, least in (
             ("rare_capacity", 1),
-            ("heldout_capacity", MIN_HELDOUT_ROWS),  # an eighth is of rare rows
+            ("heldout_capacity", MIN_HELDOUT_ROWS),
         ):
             value = getattr(self, name)
             _require(value >= least, name, value, f"{least} or more")

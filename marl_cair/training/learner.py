@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from marl_cair.policies.heads import set_noise
 from marl_cair.policies.q_network import QNetwork
-from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
+from marl_cair.policies.saved_weights import require_finite, restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, WEIGHT, read_number
 from marl_cair.replay.transition import NO_ACTION
 from marl_cair.training.losses import Loss, find_learned, measure_errors
@@ -172,6 +172,13 @@ class Learner:
             "generated": self.generated,
             "noise": self.noise.get_state(),
         }
+
+    def require_finite(self) -> None:
+        """Raise ValueError for weights or moments that are not finite: no run could resume them."""
+        for name, network in self._networks().items():
+            require_finite(network.state_dict(), f"learner.{name}.")
+        for moments in self.optimizer.state.values():
+            require_finite(moments, "learner.optimizer.")
 
     def _networks(self) -> dict[str, QNetwork]:
         networks = {"network": self.network, "average": self.average}

@@ -16,9 +16,10 @@ from tqdm import tqdm
 from marl_cair.checkpoint import LATEST_FOLDER, save_tensors
 from marl_cair.games.players.weak_bot import split_name
 from marl_cair.interrupts import interrupts_noted
+from marl_cair.league.agents.allowed_code import is_code
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load, torch_threads
-from marl_cair.outside import OutsideCodeError, find_line, is_place
+from marl_cair.outside import OutsideCodeError, find_line
 from marl_cair.policies.saved_weights import require_finite
 from marl_cair.self_play.shared_folder import LeagueSeat
 from marl_cair.training.collecting.metrics import Timers
@@ -125,15 +126,15 @@ def _train(
                 if row := _report(run, before, timers):
                     last_row = row
                     bar.set_postfix_str(_summarise(row))
+                bar.update(run.frames - before)
+                if is_due(before, run.frames, config.checkpoint.every_frames):
+                    with timers.measure("save"):
+                        run.save_agent()
+                        run.save_state()
             except Exception as error:
                 if resume_with:
                     error.add_note(_save_after(error, run, before, resume_with))
                 raise
-            bar.update(run.frames - before)
-            if is_due(before, run.frames, config.checkpoint.every_frames):
-                with timers.measure("save"):
-                    run.save_agent()
-                    run.save_state()
         # Else the frames since the last row would be missing from the log.
         if run.frames > run.log.frames:
             last_row = _write_row(run, {}, timers)
@@ -150,24 +151,25 @@ def _save_after(error: Exception, run: TrainingRun, before: int, command: str) -
     """Save a run with code from outside whose round failed, if its steps were stored: else its
     games are ahead of its replay. Returns what is saved, in words.
     """
-    has_code = any(map(is_place, config_file.list_sources(run.config)))
+    has_code = any(map(is_code, config_file.list_sources(run.config)))
     is_diverged, failed = isinstance(error, DivergedError), ""
     if has_code and run.frames > before and not is_diverged:
         try:
-            require_finite(run.learner.network.state_dict(), "")
+            run.learner.require_finite()
             require_finite(run.rated_network.state_dict(), "")
             run.save_state()
             run.save_agent()
         except Exception as fault:  # noqa: BLE001  # it must not hide the error
-            failed = f" (saving it now failed: {fault})"
-    place = "" if isinstance(error, OutsideCodeError) else find_line(error)  # it names the place
-    where = f"frame {run.frames:,}{place}"
-    if run.saved_frames is None:
-        return f"{where}: no state is saved{failed}; {command} begins again"
-    saved = f"{where}: the state of frame {run.saved_frames:,} is saved{failed}"
+            failed = f" (saving more now failed: {fault})"
+    where = f"frame {run.frames:,}"
+    if has_code and not isinstance(error, OutsideCodeError):  # which names the place
+        where += find_line(error)
+    is_begun = run.saved_frames is not None
+    state = f"the state of frame {run.saved_frames:,} is saved" if is_begun else "no state is saved"
+    then = f"; {command} {'goes on from it' if is_begun else 'begins again'}"
     if is_diverged and not has_code:
-        return saved  # the same would follow
-    return f"{saved}; {command} goes on from it"
+        then = ""  # the same would follow
+    return f"{where}: {state}{failed}{then}"
 
 
 def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:

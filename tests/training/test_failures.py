@@ -133,7 +133,7 @@ def test_weights_that_are_not_finite_are_not_saved(tmp_path):
     with pytest.raises(AssertionError) as caught:
         train(run, watch=damage)
     note = caught.value.__notes__[0]
-    assert "the state of frame 256 is saved (saving it now failed: " in note
+    assert "the state of frame 256 is saved (saving more now failed: " in note
     assert "not finite" in note
 
 

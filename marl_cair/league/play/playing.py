@@ -152,7 +152,10 @@ def play_out(
     winner = engine.winner.copy()
     forfeited = np.zeros((engine.num_worlds, int(teams.max()) + 1), np.bool_)
     reasons = [""] * engine.num_worlds
-    for (world, seat), reason in sorted(forfeits.items()):
+    in_order = sorted(
+        forfeits.items(), key=lambda item: (item[0][0], teams[item[0][1]], item[0][1])
+    )
+    for (world, seat), reason in in_order:
         forfeited[world, teams[seat]] = True
         reasons[world] = reasons[world] or reason
         digests[world].update(f"forfeit {seat}".encode())

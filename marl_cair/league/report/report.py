@@ -136,12 +136,12 @@ def _count_forfeits(stored: StoredGames, names: Mapping[int, str]) -> list[tuple
     A game has one reason, that of the first team.
     """
     counts: Counter[tuple[str, str]] = Counter()
-    for agents, lost, reason in zip(
-        stored.agents, stored.has_forfeited, stored.reasons, strict=True
-    ):
-        called = [names[agent] for agent in dict.fromkeys(agents[lost].tolist())]
+    for n in np.flatnonzero(stored.has_forfeited.any(axis=1)).tolist():
+        lost = stored.agents[n][stored.has_forfeited[n]].tolist()
+        called = [names[agent] for agent in dict.fromkeys(lost)]
         for name in called:
-            why = reason if name == called[0] else f"in the same step as {called[0]}"
+            is_first = name == called[0]
+            why = stored.reasons[n] if is_first else f"in the same step as {called[0]}"
             counts[name, why] += 1
     return [(*about, count) for about, count in sorted(counts.items())]
 

@@ -47,8 +47,8 @@ from marl_cair.training.settings.offline import OfflineSettings
 from marl_cair.training.settings.replay import ReplaySettings
 
 # After AlphaStar and OpenAI Five; not shown to be the best (`marl-cair experiment opponents`).
-WARMUP_MIXTURE = {"random": 1.0}
 SELF_PLAY = {"latest": 0.5, "pfsp": 0.35, "uniform": 0.1, "bots": 0.05}
+WARMUP_MIXTURE = {"random": 1.0}
 NO_GENERATOR, GAMES_FOLDER = "none", "games"  # in a run's folder: games of the last evaluation
 ENDLESS_FRAMES = 10**9  # as total_frames: the clock ends the run
 _Margin = Annotated[float, Allowed(lambda x: 0 <= x < 0.5, "0 or more, below 0.5, or null")]

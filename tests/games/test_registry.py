@@ -312,7 +312,7 @@ def test_a_package_may_look_games_up_while_it_is_imported(tmp_path):
 def test_a_game_that_cannot_be_described_is_left_out_of_the_list(tmp_path):
     text = GAME_MODULE + FAILING + CHANGED.format("make_spec=fail")
     install(tmp_path, "foreign", "foreign_game", text)
-    for form in ([], ["--markdown"], ["--json"]):
+    for form in ([], ["--json"]):
         done = run_python(tmp_path, "-m", "marl_cair", "games", *form)
         assert done.returncode == 0, done.stderr
         assert "foreign_game (foreign_game) cannot be loaded: ZeroDivisionError" in done.stderr

@@ -21,6 +21,7 @@ from marl_cair.cli.compose import (
 )
 from marl_cair.cli.parser import refuse_repeats
 from marl_cair.files import find_folder
+from marl_cair.games import GAMES
 from marl_cair.lookup import find_by_name
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import TrainConfig
@@ -118,8 +119,9 @@ def describe_options() -> str:
     help takes a second more and has no meanings.
     """
     lines = [_USAGE, "== Configuration groups ==", ""]
+    named = {"game": [*GAMES], "opponent": list_choices("opponent")}  # games take seconds to load
     for group in GROUPS[:-1]:
-        names = (list_choices if group == "opponent" else list_all_choices)(group)
+        names = named.get(group) or list_all_choices(group)
         lines.append(f"  {group}: {', '.join(names)}")
     lines += ["    opponent also takes any bot of the game (marl-cair games) and these samplers:"]
     lines += ["    " + ", ".join(name for name in SAMPLERS if name not in LEAGUE_SAMPLERS)]

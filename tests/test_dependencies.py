@@ -1,5 +1,6 @@
 """Libraries are declared with bounds that are tested."""
 
+import ast
 import re
 import sys
 import tomllib
@@ -15,7 +16,7 @@ def test_every_imported_library_is_declared():
     known = {*sys.stdlib_module_names, "marl_cair", *declared_modules()}
 
     def find(path):
-        for line, name in list_imports(path, read_tree(path)):
+        for line, name in list_imports(path, ast.walk(read_tree(path))):
             if name.split(".")[0] not in known:
                 yield line, name
 

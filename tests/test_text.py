@@ -61,7 +61,15 @@ def league(tmp_path_factory):
     database = sqlite3.connect(folder / "league.sqlite")
     with database:
         printed = json.dumps(
-            {"training": {"run": HOSTILE, "name": HOSTILE, "seed": 1, "frames": 5}}
+            {
+                "training": {
+                    "run": HOSTILE,
+                    "name": HOSTILE,
+                    "seed": 1,
+                    "frames": 5,
+                    "frames_total": 5,
+                }
+            }
         )
         database.execute(
             "UPDATE agent SET name = ?, evaluation_policy = ?, kind = 'network', "
@@ -72,6 +80,7 @@ def league(tmp_path_factory):
         database.execute(
             "UPDATE game SET reason = ?, status = 'forfeit' WHERE id = 1", (f"@{HOSTILE}",)
         )
+        database.execute("UPDATE team SET has_forfeited = 1 WHERE game = 1 AND team = 0")
         database.execute(
             "INSERT OR REPLACE INTO meta VALUES ('commands', ?)", (json.dumps([HOSTILE]),)
         )
@@ -104,6 +113,7 @@ def test_all_files_of_a_report_are_clean(league):
     for path in tables:
         assert_cells(path.read_text("utf-8"))
     assert "'=cmd" in (league / "ladder.csv").read_text("utf-8")
+    assert f"'@{CLEAN}" in (league / "forfeits.csv").read_text("utf-8")
 
 
 def test_exported_tables_are_clean(league, tmp_path):

@@ -94,7 +94,7 @@ def test_a_demo_that_has_not_learned_says_so(tmp_path):
     settings = DemoSettings(
         str(tmp_path), score=1.01, frames=512, evaluation_games=2, num_worlds=32
     )
-    with pytest.raises(ValueError, match="the conv network has not reached 101% .* with --frames 1024"):
+    with pytest.raises(ValueError, match="conv network has not reached 101% .* --frames 1024"):
         run_demo(settings)
 
 

@@ -168,7 +168,7 @@ class FullLoop:
         )
         self.run = training_run.TrainingRun(self.config)
         self.timers = Timers()
-        self._steps: Iterator[int] = trainer.iterate(self.run, self.timers)
+        self._steps: Iterator[None] = trainer.iterate(self.run, self.timers)
 
     def measure_updates(self, clock: Clock) -> float:
         """Updates per second, of sampled batches."""

@@ -16,7 +16,6 @@ from tqdm import tqdm
 from marl_cair.checkpoint import LATEST_FOLDER, save_tensors
 from marl_cair.games.players.weak_bot import split_name
 from marl_cair.interrupts import interrupts_noted
-from marl_cair.league.agents.allowed_code import is_code
 from marl_cair.league.agents.load import load_agent
 from marl_cair.league.play.arena import Load, torch_threads
 from marl_cair.outside import OutsideCodeError, find_line
@@ -151,7 +150,7 @@ def _save_after(error: Exception, run: TrainingRun, before: int, command: str) -
     """Save a run with code from outside whose round failed, if its steps were stored: else its
     games are ahead of its replay. Returns what is saved, in words.
     """
-    has_code = any(map(is_code, config_file.list_sources(run.config)))
+    has_code = config_file.names_code(run.config)
     is_diverged, failed = isinstance(error, DivergedError), ""
     if has_code and run.frames > before and not is_diverged:
         try:
@@ -172,10 +171,8 @@ def _save_after(error: Exception, run: TrainingRun, before: int, command: str) -
     return f"{where}: {state}{failed}{then}"
 
 
-def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
-    """Collect, store, learn, generate and keep snapshots once per `next`; yields the frames before
-    the round.
-    """
+def iterate(run: TrainingRun, timers: Timers) -> Iterator[None]:
+    """Collect, store, learn, generate and keep snapshots once per `next`."""
     if run.is_offline:
         yield from _iterate_offline(run, timers)
     batches, snapshot_every = iter(run.collector), run.config.opponent.snapshot_every_frames
@@ -192,10 +189,10 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[int]:
         if is_due(before, run.frames, snapshot_every) or run.book.beats_the_best(run.frames):
             run.add_snapshot()
         run.processor_seconds += time.process_time() - start
-        yield before
+        yield
 
 
-def _iterate_offline(run: TrainingRun, timers: Timers) -> Iterator[int]:
+def _iterate_offline(run: TrainingRun, timers: Timers) -> Iterator[None]:
     """Learn and generate once per `next`, as `iterate` does; nothing is played."""
     settings = run.config.collector
     while True:
@@ -209,7 +206,7 @@ def _iterate_offline(run: TrainingRun, timers: Timers) -> Iterator[int]:
         with timers.measure("generate"):
             use_generator(run, before)
         run.processor_seconds += time.process_time() - start
-        yield before
+        yield
 
 
 def _store(run: TrainingRun, data: TensorDictBase, timers: Timers) -> None:

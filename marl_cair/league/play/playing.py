@@ -152,12 +152,9 @@ def play_out(
     winner = engine.winner.copy()
     forfeited = np.zeros((engine.num_worlds, int(teams.max()) + 1), np.bool_)
     reasons = [""] * engine.num_worlds
-    in_order = sorted(
-        forfeits.items(), key=lambda item: (item[0][0], teams[item[0][1]], item[0][1])
-    )
-    for (world, seat), reason in in_order:
+    for world, seat in sorted(forfeits, key=lambda place: (teams[place[1]], place)):
         forfeited[world, teams[seat]] = True
-        reasons[world] = reasons[world] or reason
+        reasons[world] = reasons[world] or forfeits[world, seat]
         digests[world].update(f"forfeit {seat}".encode())
     is_whole = np.asarray(~forfeited.any(axis=1), np.bool_)
     # After a forfeit the engine steps a world until all others end: its last board is not used.

@@ -91,9 +91,14 @@ def load_config(folder: str | os.PathLike[str], allow_code: AllowCode = False) -
     return config
 
 
+def names_code(config: TrainConfig) -> bool:
+    """Whether a run has code from outside, which needs permission to be resumed."""
+    return any(map(is_code, list_sources(config)))
+
+
 def resume_command(config: TrainConfig) -> str:
     """The command line that resumes a run."""
-    allow = " allow_code=true" if any(map(is_code, list_sources(config))) else ""
+    allow = " allow_code=true" if names_code(config) else ""
     return f"marl-cair train resume={shlex.quote(config.out)}{allow}"
 
 

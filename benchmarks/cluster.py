@@ -24,7 +24,7 @@ from marl_cair.league.league import LeagueConfig, play_league
 BOTS = ("rusher", "economist", "turtle", "counter")
 WORDS = (
     *("recipe=quick", "game=deep_maze", "scenario=9x9-stochastic", "generator=none"),
-    *("synthetic_fraction=0", "evaluation.bots=[]"),
+    "evaluation.bots=[]",
 )
 
 

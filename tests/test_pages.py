@@ -26,7 +26,7 @@ SHORT = (
 )
 SHORT_TRAINING = (
     *(*SHORT, "collector.num_worlds=16", "replay.min_transitions=200", "generator=none"),
-    *("replay.capacity_transitions=3000", "synthetic_fraction=0", "evaluation.bots=[]"),
+    *("replay.capacity_transitions=3000", "evaluation.bots=[]"),
     *("opponent.snapshot_every_frames=256", "nfsp.min_rows=50"),
 )
 SHORT_EXPLOIT = (

@@ -4,6 +4,7 @@ import csv
 
 import pytest
 
+from docs.experiment_results import read_runs
 from marl_cair.experiments.summary import Entry, Estimate, Reached, Run
 from marl_cair.experiments.tables import format_estimate, write_looks, write_tables
 from tests.experiments.plans import change_task, make_plan
@@ -80,3 +81,11 @@ def test_looks_are_one_row_for_each_cell_and_look(plan, tmp_path):
         "128",
     )
     assert (first["return"], second["return"]) == ("", "0.25")
+
+
+def test_runs_are_read_again_from_the_raw_looks_of_an_experiment(plan, tmp_path):
+    """`python docs/experiment_results.py` makes tables and the figure from them."""
+    later = {"look": 2, "seconds": 5.0, "frames": 256, "score": 1.0, "mean": 0.75, "pipes": 3}
+    runs = [Run("maze", ("dqn",), 1, [ROW, later]), Run("maze", ("oracle",), 0, [ROW])]
+    write_looks(plan, runs, tmp_path / "looks.csv")
+    assert read_runs(plan, tmp_path / "looks.csv") == runs

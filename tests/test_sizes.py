@@ -11,7 +11,7 @@ MAX_LINES = {
     "games": 21_660,
     "policies": 2_465,
     "replay": 2_455,
-    "generative": 3_415,
+    "generative": 3_465,
     "self_play": 1_035,
     "league": 8_055,
     "training": 7_960,

@@ -64,39 +64,67 @@ def _decode(
     out: Any,
 ) -> None:
     base, edited, surety = out
-    num, num_planes, rows, columns = planes.shape
+    num, num_cells = len(planes), planes[0, 0].size
     num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
-    values = np.zeros((num_sources, num_planes), np.uint8)
-    chances = np.zeros((num_layers, 2, rows * columns, num_sources))
-    likeliest = np.zeros((num_layers, rows * columns), np.int64)
-    sampled = np.zeros((num_layers, rows * columns), np.int64)
+    is_near = np.zeros((num_cells, num_layers), np.bool_)
+    chances = np.zeros((num_layers, 2, num_cells, num_sources))
+    likeliest = np.zeros((num_layers, num_cells), np.int64)
+    sampled = np.zeros((num_layers, num_cells), np.int64)
     for image in range(num):
-        total = 0.0
         outputs = logits[image] + of_boards[image]
-        for place in range(rows * columns):
-            row, column = place // columns, place % columns
-            read_sources(planes[image], row, column, shifts, values)
-            for layer in range(num_layers):
-                own = outputs[row, column, layer * num_sources : (layer + 1) * num_sources]
-                best, log_prob = _choose(own, values, layer, layer_of, chances, place)
-                likeliest[layer, place] = best
-                total += log_prob
-            for plane in range(num_planes):
-                base[image, plane, row, column] = values[likeliest[layer_of[plane], place], plane]
+        base[image], likeliest[:], sampled[:], chances[:] = planes[image], 0, 0, 0.0
+        find_near(planes[image], layer_of, shifts, is_near)
+        known = planes[image], layer_of, shifts
+        total = _take_likeliest(outputs, known, is_near, (base[image], likeliest, chances))
         starts = np.full(num_layers, 0.5)
         if drawn.shape[1]:
             starts[:] = drawn[image, :, 0]
             for layer in range(num_layers):
-                _move(chances[layer], shifts, columns, drawn[image, layer, 1:], sampled[layer])
-            for place in range(rows * columns):
-                if (sampled[:, place] != likeliest[:, place]).any():
-                    row, column = place // columns, place % columns
-                    read_sources(planes[image], row, column, shifts, values)
-                    for plane in range(num_planes):
-                        source = sampled[layer_of[plane], place]
-                        base[image, plane, row, column] = values[source, plane]
+                if is_near[:, layer].any():
+                    numbers = drawn[image, layer, 1:]
+                    _move(chances[layer], shifts, planes.shape[3], numbers, sampled[layer])
+            _take_sampled(known, sampled, likeliest, base[image])
         edits = outputs[:, :, num_layers * num_sources :]
         surety[image] = total + _mark_edits(edits, edited[image], layer_of, starts)
+
+
+@njit(cache=True, nogil=True)
+def _take_likeliest(outputs: Any, known: Any, is_near: Any, out: Any) -> float:
+    """Write the values of the likeliest sources [P, H, W], these sources [L, H * W], and the
+    chances [L, 2, H * W, K] of `_choose`. Returns the log probability.
+    """
+    planes, layer_of, shifts = known
+    base, likeliest, chances = out
+    planes_of, first_of = sort_planes(layer_of)
+    num_sources, total = shifts.shape[0] + 2, 0.0
+    values = np.zeros((num_sources, planes.shape[0]), np.uint8)
+    for place in range(len(is_near)):
+        if not is_near[place].any():
+            continue
+        row, column = place // planes.shape[2], place % planes.shape[2]
+        read_sources(planes, row, column, shifts, values)
+        for layer in range(is_near.shape[1]):
+            if is_near[place, layer]:
+                own = outputs[row, column, layer * num_sources : (layer + 1) * num_sources]
+                members = planes_of[first_of[layer] : first_of[layer + 1]]
+                best, log_prob = _choose(own, values, members, chances[layer, :, place])
+                likeliest[layer, place], total = best, total + log_prob
+                for plane in members:
+                    base[plane, row, column] = values[best, plane]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _take_sampled(known: Any, sampled: Any, likeliest: Any, base: Any) -> None:
+    """Write the values of the sampled sources where these are not the likeliest."""
+    planes, layer_of, shifts = known
+    values = np.zeros((shifts.shape[0] + 2, planes.shape[0]), np.uint8)
+    for place in range(sampled.shape[1]):
+        if (sampled[:, place] != likeliest[:, place]).any():
+            row, column = place // planes.shape[2], place % planes.shape[2]
+            read_sources(planes, row, column, shifts, values)
+            for plane in range(planes.shape[0]):
+                base[plane, row, column] = values[sampled[layer_of[plane], place], plane]
 
 
 @njit(cache=True, nogil=True)
@@ -146,8 +174,8 @@ def _move(chances: Any, shifts: Any, columns: int, drawn: Any, chosen: Any) -> N
                     chosen[place] = source
                 taken[unit] += chances[place, source]
     for place in range(num_cells):
-        is_gone = number[place] < chances[place].sum()
-        if chosen[place] == 0 and chances[place, num_sources - 1] > 0.0 and is_gone:
+        may_go = chosen[place] == 0 and chances[place, num_sources - 1] > 0.0
+        if may_go and number[place] < chances[place].sum():
             chosen[place] = num_sources - 1
 
 
@@ -183,15 +211,15 @@ def _find_numbers(chances: Any, shifts: Any, columns: int, drawn: Any) -> Any:
 @njit(cache=True, nogil=True)
 def _find_odds(logits: Any, odds: Any) -> float:
     """Write the probabilities [P] of edits; returns the log probability of the likeliest."""
-    total = 0.0
+    product = 1.0
     for plane in range(logits.shape[0]):
         logit = logits[plane]
         odds[plane] = 1.0 if logit > 0.0 else 0.0
         if abs(logit) < _SURE:
-            weight = np.exp(-abs(logit))
-            total -= np.log1p(weight)
-            odds[plane] = (1.0 if logit > 0.0 else weight) / (1.0 + weight)
-    return total
+            weight = 1.0 + np.exp(-abs(logit))
+            product *= weight  # one logarithm for all planes
+            odds[plane] = (1.0 if logit > 0.0 else weight - 1.0) / weight
+    return float(-np.log(product))
 
 
 @njit(cache=True, nogil=True)
@@ -209,47 +237,56 @@ def read_sources(planes: Any, row: int, column: int, shifts: Any, values: Any) -
 
 
 @njit(cache=True, nogil=True)
-def _choose(
-    outputs: Any, values: Any, layer: int, layer_of: Any, chances: Any, place: int
-) -> tuple[int, float]:
-    """The likeliest source of a layer at a cell, and the log probability of its values.
-
-    Writes the chances [L, 2, H * W, K] of the cell `place`: of sources whose values are not the
-    present ones, where neighbours without a unit count with the last source, which is 0 in a cell
-    without one; and of all sources with a unit.
-    """
-    num_sources = outputs.shape[0]
-    last = num_sources - 1
-    best, is_empty = 0, True
-    for source in range(num_sources):
-        chances[layer, 0, place, source] = chances[layer, 1, place, source] = 0.0
-        is_empty = is_empty and not _differs(values, source, last, layer, layer_of)
-    if is_empty:
-        return 0, 0.0
-    for source in range(1, num_sources):
-        if outputs[source] > outputs[best]:
-            best = source
-    whole = same = 0.0
-    for source in range(num_sources):
-        weight = np.exp(outputs[source] - outputs[best])
-        whole += weight
-        if not _differs(values, source, best, layer, layer_of):
-            same += weight
-        is_full = _differs(values, source, last, layer, layer_of)
-        if _differs(values, source, 0, layer, layer_of):
-            chances[layer, 0, place, source if is_full else last] += weight
-        if is_full:
-            chances[layer, 1, place, source] = weight
-    for source in range(num_sources):
-        chances[layer, 0, place, source] /= whole
-        chances[layer, 1, place, source] /= whole
-    return best, np.log(same / whole)
+def sort_planes(layer_of: Any) -> Any:
+    """The planes [P] layer by layer, and the place [L + 1] of the first one of each layer."""
+    planes_of = np.argsort(layer_of)
+    return planes_of, np.searchsorted(layer_of[planes_of], np.arange(layer_of.max() + 2))
 
 
 @njit(cache=True, nogil=True)
-def _differs(values: Any, source: int, another: int, layer: int, layer_of: Any) -> bool:
-    """Whether two sources have other values in a plane of the layer."""
-    for plane in range(layer_of.shape[0]):
-        if layer_of[plane] == layer and values[source, plane] != values[another, plane]:
-            return True
-    return False
+def find_near(planes: Any, layer_of: Any, shifts: Any, is_near: Any) -> None:
+    """Write in which cells [H * W, L] a source has a unit of a layer: elsewhere all are equal."""
+    num_planes, rows, columns = planes.shape
+    is_near[:] = False
+    for plane in range(num_planes):
+        layer = layer_of[plane]
+        for row in range(rows):
+            for column in range(columns):
+                if planes[plane, row, column] != 0:
+                    is_near[row * columns + column, layer] = True
+                    for shift in range(shifts.shape[0]):
+                        to_row, to_column = row + shifts[shift, 0], column + shifts[shift, 1]
+                        if 0 <= to_row < rows and 0 <= to_column < columns:
+                            is_near[to_row * columns + to_column, layer] = True
+
+
+@njit(cache=True, nogil=True)
+def _choose(outputs: Any, values: Any, planes: Any, chances: Any) -> tuple[int, float]:
+    """The likeliest source of a layer at a cell, and the log probability of its values.
+
+    planes: int64, of the layer. Adds to the chances [2, K] those of sources whose values are not
+    the present ones, where neighbours without a unit count with the last source, which is 0 in a
+    cell without one; and those of all sources with a unit.
+    """
+    num_sources = outputs.shape[0]
+    last, best = num_sources - 1, int(np.argmax(outputs))
+    whole = same = 0.0
+    for source in range(num_sources):
+        is_likeliest, is_now, is_empty = True, True, True
+        for plane in planes:
+            value = values[source, plane]
+            is_likeliest &= value == values[best, plane]
+            is_now &= value == values[0, plane]
+            is_empty &= value == 0
+        weight = np.exp(outputs[source] - outputs[best])
+        whole += weight
+        if is_likeliest:
+            same += weight
+        if not is_now:
+            chances[0, last if is_empty else source] += weight
+        if not is_empty:
+            chances[1, source] = weight
+    for source in range(num_sources):
+        chances[0, source] /= whole
+        chances[1, source] /= whole
+    return best, float(np.log(same / whole))

@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
-from marl_cair.generative.networks.decoding import read_sources
+from marl_cair.generative.networks.decoding import find_near, read_sources, sort_planes
 
 
 def apply_curves(planes: Tensor, curve: Tensor) -> Tensor:
@@ -121,37 +121,54 @@ def _score(logits: Any, planes: Any, later: Any, layer_of: Any, shifts: Any, out
     base, nll, gradients = out
     num, num_planes, rows, columns = planes.shape
     num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
-    first_edit = num_layers * num_sources
+    planes_of, first_of = sort_planes(layer_of)
+    is_near = np.zeros((rows * columns, num_layers), np.bool_)
     values = np.zeros((num_sources, num_planes), np.uint8)
-    explained = np.zeros((num_layers, num_sources), np.int64)
-    chosen = np.zeros(num_layers, np.int64)
+    explained = np.zeros(num_sources, np.int64)
     for image in range(num):
         total = 0.0
+        base[image] = planes[image]
+        find_near(planes[image], layer_of, shifts, is_near)
         for row in range(rows):
             for column in range(columns):
-                read_sources(planes[image], row, column, shifts, values)
                 outputs, slopes = logits[image, row, column], gradients[image, row, column]
-                explained[:] = 0
-                for source in range(num_sources):
-                    for plane in range(num_planes):
-                        if values[source, plane] == later[image, plane, row, column]:
-                            explained[layer_of[plane], source] += 1
+                near = is_near[row * columns + column]
+                if near.any():
+                    read_sources(planes[image], row, column, shifts, values)
                 for layer in range(num_layers):
-                    first, last = layer * num_sources, (layer + 1) * num_sources
-                    loss, chosen[layer] = _score_sources(
-                        outputs[first:last], explained[layer], slopes[first:last]
-                    )
-                    total += loss
-                for plane in range(num_planes):
-                    value = values[chosen[layer_of[plane]], plane]
-                    base[image, plane, row, column] = value
-                    is_edited = value != later[image, plane, row, column]
-                    logit = outputs[first_edit + plane]
-                    weight = np.exp(-abs(logit))
-                    total += np.log1p(weight) + max(logit, 0.0) - is_edited * logit
-                    odds = (1.0 if logit > 0.0 else weight) / (1.0 + weight)
-                    slopes[first_edit + plane] = odds - is_edited
+                    if near[layer]:  # else all sources are equal
+                        members = planes_of[first_of[layer] : first_of[layer + 1]]
+                        explained[:] = 0
+                        for plane in members:
+                            wanted = later[image, plane, row, column]
+                            for source in range(num_sources):
+                                explained[source] += values[source, plane] == wanted
+                        first, last = layer * num_sources, (layer + 1) * num_sources
+                        loss, best = _score_sources(
+                            outputs[first:last], explained, slopes[first:last]
+                        )
+                        total += loss
+                        for plane in members:
+                            base[image, plane, row, column] = values[best, plane]
+                edits = num_layers * num_sources
+                known = base[image, :, row, column], later[image, :, row, column]
+                total += _score_edits(outputs[edits:], *known, slopes[edits:])
         nll[image] = total
+
+
+@njit(cache=True, nogil=True)
+def _score_edits(logits: Any, base: Any, later: Any, slopes: Any) -> float:
+    """Negative log likelihood of which values [P] of a cell differ from the base; writes the
+    gradient by the logits.
+    """
+    product, total = 1.0, 0.0
+    for plane in range(logits.shape[0]):
+        logit, is_edited = logits[plane], base[plane] != later[plane]
+        weight = 1.0 + np.exp(-abs(logit))
+        product *= weight  # one logarithm for all planes
+        total += max(logit, 0.0) - is_edited * logit
+        slopes[plane] = (1.0 if logit > 0.0 else weight - 1.0) / weight - is_edited
+    return float(total + np.log(product))
 
 
 @njit(cache=True, nogil=True)

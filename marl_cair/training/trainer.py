@@ -100,9 +100,9 @@ def _train(
     if run.spec.num_teams == 1:
         text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
         run.log.note(run.frames, "opponents", text)
-    timers, whole = Timers(), config.total_frames
+    timers, whole, is_last = Timers(), config.total_frames, False
     goal = whole if until_frames is None else min(whole, until_frames)
-    deadline = None if config.max_minutes is None else time.monotonic() + 60 * config.max_minutes
+    deadline = time.monotonic() + 60 * (config.max_minutes or math.inf)
     bar = tqdm(
         total=goal if goal < ENDLESS_FRAMES else None,
         initial=run.frames,
@@ -116,13 +116,14 @@ def _train(
         steps = iterate(run, timers)
         goes_on = watch(run)
         while goes_on and run.frames < goal and not (run.book.is_over or _has_reached_score(run)):
-            if interrupted.is_set() or (deadline is not None and time.monotonic() > deadline):
+            if interrupted.is_set() or is_last:
                 break
             before = run.frames
             try:
                 next(steps)
                 goes_on = watch(run)
-                if row := _report(run, before, timers):
+                is_last = run.frames >= whole or time.monotonic() > deadline
+                if row := _report(run, before, timers, is_last):
                     last_row = row
                     bar.set_postfix_str(_summarise(row))
                 bar.update(run.frames - before)
@@ -286,10 +287,13 @@ def _has_enough(run: TrainingRun) -> bool:
     return is_full or real.num_sampleable >= settings.min_transitions
 
 
-def _report(run: TrainingRun, before: int, timers: Timers) -> dict[str, float]:
-    """Evaluate when due, and write a row of the log; empty between rows."""
+def _report(run: TrainingRun, before: int, timers: Timers, is_last: bool) -> dict[str, float]:
+    """Evaluate when due, and at the end of a run that was long enough to be evaluated, and write a
+    row of the log; empty between rows.
+    """
     row: dict[str, float] = {}
-    if is_due(before, run.frames, run.config.evaluation.every_frames):
+    every = run.config.evaluation.every_frames
+    if is_due(before, run.frames, every) or (is_last and run.frames >= every):
         with timers.measure("evaluate"):
             row |= _evaluate(run)
     if not row and not is_due(before, run.frames, LOG_EVERY_FRAMES):
@@ -343,7 +347,8 @@ def _summarise(row: dict[str, float]) -> str:
         kind, _, player = name.partition("/")
         is_weak = split_name(player)[1] < 1  # there may be dozens
         if kind in ("win_rate", "collect_win_rate") and "/" not in player and not is_weak:
-            shown.append(f"{player} {value:.0%}")
+            place = " in training" if kind == "collect_win_rate" else ""
+            shown.append(f"{player} {value:.0%}{place}")
     for name, value in row.items():
         if name.startswith("return/") and name.count("/") == 1:
             shown.append(f"{name.replace('/', ' of ')} {value:.3g}")

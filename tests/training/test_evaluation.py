@@ -174,3 +174,11 @@ def test_curves_show_what_was_rated(tmp_path, monkeypatch, scenario, expected):
     draw_curves({"run": tmp_path / "a"}, tmp_path / "curves.png")
     assert shown[0] == expected
     assert (tmp_path / "curves.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize(("frames", "expected"), [(512, [256, 512]), (384, [256, 384]), (128, [])])
+def test_a_run_is_evaluated_at_its_end_too_unless_it_is_too_short(tmp_path, frames, expected):
+    settings = EvaluationSettings(every_frames=256, games=4, bots=("idle",))
+    train(small(tmp_path, "duel", frames=frames, evaluation=settings))
+    rows = read_log(tmp_path / "log.csv")
+    assert [row["frames"] for row in rows if "win_rate/idle" in row] == expected

@@ -54,6 +54,7 @@ TASKS = {
     "league exploit": "train against one agent: how far can it be exploited?",
 }
 EXIT_DONE, EXIT_DAMAGED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
+RESUMED = ("experiment", "reproduce", "league")  # where nothing else says so
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -75,7 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with interrupts_raised():
             return run(arguments[1:])
     except KeyboardInterrupt:
-        sys.stderr.write("marl-cair: interrupted\n")
+        again = "; the same command goes on from here" if arguments[0] in RESUMED else ""
+        sys.stderr.write(f"marl-cair: interrupted{again}\n")
         return EXIT_INTERRUPTED
     except (ValueError, OSError, MemoryError, ArithmeticError, RecursionError) as error:
         text = f"{error}" or type(error).__name__

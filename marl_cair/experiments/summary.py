@@ -114,7 +114,7 @@ def _list_columns(
     yield "seconds", np.array([row["seconds"] for row in last])
     for name in ("updates", "generated_share"):
         values = np.array([row.get(name, np.nan) for row in last])
-        if np.isfinite(values).all():
+        if np.isfinite(values).all() and values.any():
             yield name, values
     if all(len(run.rows) > 1 and not run.rows[0]["frames"] for run in runs):
         yield START, np.array([run.rows[0]["score"] for run in runs])
@@ -168,9 +168,10 @@ def _find_scale(task: TaskSettings, of_task: Sequence[Run]) -> tuple[float, floa
 
 def find_levels(plan: Plan, runs: Sequence[Run]) -> list[Reached]:
     """Whether each run reaches each level of its task, and holds it at all later looks."""
+    kinds = list(dict.fromkeys((run.task, run.kind) for run in runs))
     return [
         find_level(run, level)
-        for run in runs
+        for run in sorted(runs, key=lambda run: kinds.index((run.task, run.kind)))
         if run.rows[-1]["frames"]
         for level in plan.tasks[run.task].levels
     ]

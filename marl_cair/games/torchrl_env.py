@@ -124,8 +124,8 @@ class BatchedGameEnv(EnvBase):
     and [B, P, 1] in the group. The root is done when the world is over, and by that alone TorchRL
     resets. A seat that is out while others continue is terminated and done in the group from that
     step on: it can only play the no-op, and its later observations must not be learned from.
-    `rand_action`, and a collector without a policy, draw legal actions (`LegalActions`). The engine
-    writes into returned tensors, later steps do not; "next" and the next root may share them.
+    Random actions are legal (`LegalActions`). The engine writes into returned tensors, later steps
+    do not; "next" and the next root may share them.
     """
 
     def __init__(
@@ -293,7 +293,9 @@ class BatchedGameEnv(EnvBase):
         )
 
     def current(self) -> TensorDictBase:
-        """The observations of all seats now, as `reset` returns them: for `load_game_state`."""
+        """The observations of all seats now, as `reset` returns them: after `load_game_state`, and
+        after a change of `engine`, as random actions are legal under the masks that were read last.
+        """
         return self._pack(self._observe())
 
     def _observe(
@@ -331,10 +333,8 @@ class BatchedGameEnv(EnvBase):
         return TensorDict._new_unsafe(packed, batch_size=batch_size, device=self.device)
 
     def game_state(self) -> dict[str, Any]:
-        """All worlds and the seeding as plain arrays; without the worlds of a game that has no
-        snapshots.
-
-        Not named `state_dict`: TorchRL's collectors call that for another purpose.
+        """All worlds (if the game has snapshots) and the seeding, as plain arrays. Not named
+        `state_dict`: TorchRL's collectors call that for another purpose.
         """
         engine = self.engine.state_dict() if self.engine.game.has_snapshots else None
         return {
@@ -361,6 +361,7 @@ class BatchedGameEnv(EnvBase):
         seed = check_seed(game, state["seeds"]["seed"])
         if self.engine.game.has_snapshots:
             self.engine.load_state_dict(state["engine"])
+            self._observe()  # so that random actions are legal now
         self.seeds.load_state_dict({"seed": seed, "episodes": counts})
         self.last = last
         if not self.engine.game.has_snapshots:

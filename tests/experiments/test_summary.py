@@ -74,3 +74,11 @@ def test_overestimation_is_that_of_the_last_third():
         row["overestimation"] = excess
     (entry,) = summarise(make_plan(tasks=change_task(scale=[])), [run])
     assert entry.values["overestimation"].value == pytest.approx(2.0)
+
+
+def test_levels_stand_kind_by_kind_with_their_seeds_in_order():
+    plan = make_plan(tasks=change_task(levels=[0.5]))
+    rows = [{"frames": frames, "seconds": 1.0, "score": 1.0} for frames in (0, 8, 16)]
+    runs = [Run("maze", (kind,), seed, rows) for seed in (0, 1) for kind in ("dqn", "pqn")]
+    found = [(one.run.kind[0], one.run.seed) for one in find_levels(plan, runs)]
+    assert found == [("dqn", 0), ("dqn", 1), ("pqn", 0), ("pqn", 1)]

@@ -297,6 +297,18 @@ def test_the_game_state_continues_in_another_environment(case):
         np.testing.assert_array_equal(own, copied)
 
 
+def test_random_actions_are_legal_in_the_state_that_was_loaded(case):
+    env = make_env(case, 4)
+    begun, saved = env.reset(), env.game_state()
+    mask = begun[GROUP, "action_mask"].clone()
+    for numbers in luck_for(env, 12):
+        env.step(with_actions(env.current(), env, numbers))
+    env.load_game_state(saved)
+    for _ in range(5):
+        action = env.rand_action(begun)[GROUP, "action"]
+        assert mask.gather(-1, action.unsqueeze(-1)).all()
+
+
 def test_the_last_step_is_kept_beyond_a_reset(game_name):
     limit = ticks_of(game_name, 10)
     env = marl_cair.make_torchrl_env(game_name, num_worlds=2, seed=0, max_ticks=limit)

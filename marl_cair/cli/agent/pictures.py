@@ -46,8 +46,11 @@ def save_all(
         gamma=gamma,
     )
     length = len(returns)
-    chosen = np.linspace(0, length - 1, min(num_steps, length)).round().astype(int)
-    chosen = np.unique(chosen // explained.every * explained.every)
+    decided = np.arange(0, length, explained.every)
+    free = decided[explained.action_mask[decided].sum(1) > 1]
+    decided = free if len(free) else decided  # steps with one legal action show little
+    chosen = decided[np.linspace(0, len(decided) - 1, num_steps).round().astype(int)]
+    chosen = np.unique(chosen)
     every = -(-length // MAX_FRAMES)
     kept = range(0, length, every)
     boards = render_steps(explained, {*chosen.tolist(), *kept})
@@ -150,7 +153,7 @@ def draw_overestimation(
         steps, returns, color=_ORANGE, label=f"discounted return that followed (gamma {gamma:g})"
     )
     axis.set_xlabel("step")
-    axis.set_ylabel("reward")
+    axis.set_ylabel("value, in units of the reward")
     mean = float(np.mean(largest - returns))
     axis.set_title(f"mean overestimation {mean:+.3f}; game {explained.ending}", fontsize=10)
     axis.legend(frameon=False, fontsize=9)

@@ -173,6 +173,7 @@ def _list_settings(
 ) -> tuple[tuple[str, str], ...]:
     method = describe_method(rules.seed)
     num_blocks, num_repeats = len(np.unique(stored.blocks)), int(games.is_repeat.sum())
+    least, most, _ = method["bootstraps"]
     return (
         *(("Command", command) for command in settings.get(COMMANDS, [])),
         ("Game", f"{rules.game.name}, rules version {settings['game_version']}"),
@@ -182,7 +183,7 @@ def _list_settings(
         ("Blocks", f"{num_blocks}, each one map seed in all its seatings"),
         ("Seating", f"{rules.seating}, {rules.num_teams} teams"),
         ("Ratings", f"{method['method']}; prior of {method['prior_elo']:g} Elo"),
-        ("Intervals", f"95 %, {method['bootstraps']} resamples of blocks, seed {method['seed']}"),
+        ("Intervals", f"95 %, {least:,} to {most:,} resamples of blocks, seed {method['seed']}"),
         *(("Played with", versions) for versions in settings.get(VERSIONS, [])),
     )
 

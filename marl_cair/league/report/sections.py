@@ -94,7 +94,7 @@ def _make_ladder(table: LeagueTable) -> Section:
     rows: list[Sequence[str]] = []
     for place, rating in enumerate(table.ratings):
         if place and rating.group != table.ratings[place - 1].group:
-            rows.append(("", "--------", *[""] * 5))
+            rows.append(("", "(lower group)", *[""] * 5))
         rows.append((str(place + 1), rating.name, *wording.format_rating(rating)))
     shown = Table(("", "agent", "Elo", "95 %", "first", "score", "games"), rows, 2)
     notes = wording.explain_bounds(table.ratings)
@@ -104,7 +104,8 @@ def _make_ladder(table: LeagueTable) -> Section:
 def _make_differences(table: LeagueTable) -> Section:
     words = (
         "Elo with the 95 % confidence interval of the difference, which is narrower than the two "
-        "ratings' intervals suggest: neighbours, and all pairs without a significant difference."
+        "ratings' intervals suggest: neighbours, and all pairs whose ratings do not differ "
+        "significantly."
     )
     if not (items := wording.compare_pairs(table)):
         words = "There are no two rated agents to compare."

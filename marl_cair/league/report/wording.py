@@ -97,10 +97,11 @@ def _list_close_pairs(table: LeagueTable) -> str:
         if not table.differs(above, below)
     ]
     if not close:
-        return "All agents differ significantly."
+        return "All ratings differ significantly."
     more = len(close) - SHOWN_PAIRS
     rest = f"; and {more} more pair{'s' if more > 1 else ''}" if more > 0 else ""
-    return f"Pairs without a significant difference: {'; '.join(close[:SHOWN_PAIRS])}{rest}."
+    shown = "; ".join(close[:SHOWN_PAIRS])
+    return f"Pairs whose ratings do not differ significantly: {shown}{rest}."
 
 
 def explain_no_ladder(table: LeagueTable) -> str:

@@ -12,7 +12,7 @@ import gymnasium
 
 from marl_cair.games import GAMES, make_engine
 from marl_cair.games.registry import add_scenario, describe_scenario, gymnasium_id
-from marl_cair.lookup import import_when_used
+from marl_cair.lookup import UnknownOptionError, import_when_used
 
 if TYPE_CHECKING:
     from marl_cair.games.torchrl_env import BatchedGameEnv
@@ -35,12 +35,16 @@ def make_torchrl_env(
 ) -> BatchedGameEnv:
     """B worlds as one TorchRL environment; options as `games.torchrl_env.BatchedGameEnv`.
 
-    Raises:
-        UnknownNameError: no such game, scenario, representation or option; names the nearest.
+    Raises UnknownNameError, which names the nearest game, scenario, representation or option.
     """
     from marl_cair.games.torchrl_env import BatchedGameEnv  # imports torch
 
-    return BatchedGameEnv(game, scenario, num_worlds, **options)
+    try:
+        return BatchedGameEnv(game, scenario, num_worlds, **options)
+    except UnknownOptionError as error:
+        others = "num_worlds, num_threads, representation, extra_representations, seed"
+        error.add_note(f"others: {others}; how agents take seats: docs/clients.md")
+        raise
 
 
 __getattr__ = import_when_used(__name__, {"load_agent": "marl_cair.league.agents.load:load_agent"})

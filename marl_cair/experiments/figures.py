@@ -16,7 +16,7 @@ from marl_cair.experiments.plan import Plan
 from marl_cair.experiments.summary import SCORE, START, Entry, Run, trim
 from marl_cair.files import atomic_path
 from marl_cair.games import GAMES
-from marl_cair.training.curves import COLOURS, STYLES
+from marl_cair.training.curves import COLOURS, STYLES, read_series
 from marl_cair.training.run_log import read_log
 
 _PANEL = (4.6, 3.3)  # inches
@@ -160,8 +160,8 @@ def draw_panels(title: str, logs: Mapping[str, Sequence[Path]], path: Path) -> N
     for line, (name, of_runs) in zip(panels, rows.items(), strict=True):
         for number, log in enumerate(of_runs):
             colour = {"color": COLOURS[number % len(COLOURS)], "linewidth": 1.2, "marker": "."}
-            line[0].plot(*_series(log, "loss/all"), **colour)
-            line[1].plot(*_series(log, _find_success(log)), **colour)
+            line[0].plot(*read_series(log, "loss/all"), **colour)
+            line[1].plot(*read_series(log, _find_success(log)), **colour)
         success = _find_success(of_runs[0])
         line[0].set(ylabel=f"{name}\nloss", title="Loss", yscale="log")
         line[1].set(ylabel=_SUCCESS[success.partition("/")[0]], title="Win rate or return")
@@ -190,11 +190,6 @@ _SUCCESS = {"collect_win_rate": "win rate in training", "episodes": "return of a
 def _find_success(log: Sequence[Mapping[str, float]]) -> str:
     names = [name for row in log for name in row if name.startswith("collect_win_rate/")]
     return names[0] if names else "episodes/return"
-
-
-def _series(log: Sequence[Mapping[str, float]], name: str) -> tuple[list[float], list[float]]:
-    rows = [row for row in log if name in row]
-    return [row["frames"] / 1_000 for row in rows], [row[name] for row in rows]
 
 
 def _make_figure(num_columns: int, num_rows: int) -> Figure:

@@ -26,6 +26,11 @@ LATEST, BEST = AGENTS = ("latest", "best")
 _Statistic = Annotated[str, Allowed(STATISTICS.__contains__, " or ".join(STATISTICS))]
 _Agent = Annotated[str, Allowed(AGENTS.__contains__, " or ".join(AGENTS))]
 _NAME = re.compile(r"[\w.+]+")
+# Of the results; a factor is a column too.
+_COLUMNS = (
+    *("task", "unit", "runs", "seed", "look", "seconds", "frames", "steps", "score", "mean"),
+    *("updates", "generated_share", "normalised", "overestimation"),
+)
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,7 @@ class Plan:
         choices = [*self.others]
         for factor, own in self.factors.items():
             require(len(own) > 0, f"factors.{factor}", own, "one or more choices by name")
+            require(factor not in _COLUMNS, "factors", factor, "another name than a column's")
             choices += own
         require_once("factors and others", choices)
         for name in (*self.tasks, *self.factors, *choices):

@@ -90,11 +90,8 @@ class ScriptedPlayer:
         actions = np.zeros(action_mask.shape[:-1], np.int64)
         planes = np.ascontiguousarray(observation)
         if self.representation == "planes" and (planes.ndim != 4 or planes.dtype != np.uint8):
-            raise ValueError(
-                f"the bot {self.name!r} reads the representation 'planes', uint8 [N, C, H, W], and "
-                f"was given {planes.dtype} of shape {list(planes.shape)}: let the environment show "
-                "it too, as `extra_representations` in TorchRL"
-            )
+            seen = f"{planes.dtype} {list(planes.shape)}: observe that representation too"
+            raise ValueError(f"{self.name!r} reads planes, uint8 [N, C, H, W], not {seen}")
         mask = np.ascontiguousarray(action_mask)
         with np.errstate(over="ignore"):
             self._decide_all(planes, mask, self._random, actions)

@@ -293,8 +293,8 @@ class BatchedGameEnv(EnvBase):
         )
 
     def current(self) -> TensorDictBase:
-        """The observations of all seats now, as `reset` returns them: after `load_game_state`, and
-        after a change of `engine`, as random actions are legal under the masks that were read last.
+        """The observations of all seats now, as `reset` returns them: after `load_game_state`, or
+        a change of `engine`. Random actions are legal under the masks that were read last.
         """
         return self._pack(self._observe())
 

@@ -60,7 +60,8 @@ def draw_curves(runs: Mapping[str, str | os.PathLike[str]], path: str | os.PathL
         figure.savefig(unfinished, dpi=130)
 
 
-def _series(rows: Rows, name: str) -> tuple[Any, Any]:
+def read_series(rows: Rows, name: str) -> tuple[Any, Any]:
+    """Thousands of steps and values float64 [K] of the rows that have `name`."""
     points = [(row["frames"] / 1_000, row[name]) for row in rows if name in row]
     return tuple(np.array(points).T) if points else (np.array([]), np.array([]))
 
@@ -80,8 +81,8 @@ def _draw_win_rates(panel: Any, logs: Mapping[str, Rows]) -> None:
     for colour, (label, rows) in _color(logs):
         for style, player in zip(cycle(STYLES), rated, strict=False):
             name, shown = f"{kind}/{player}", f"{label}{joint}{player}"
-            frames, rates = _series(rows, name)
-            low, high = _series(rows, f"{name}/low")[1], _series(rows, f"{name}/high")[1]
+            frames, rates = read_series(rows, name)
+            low, high = read_series(rows, f"{name}/low")[1], read_series(rows, f"{name}/high")[1]
             panel.plot(frames, rates, style, color=colour, label=shown, marker=".")
             if len(low) == len(rates):
                 panel.fill_between(frames, low, high, color=colour, alpha=0.12, linewidth=0)
@@ -101,7 +102,7 @@ def _draw_td_errors(panel: Any, logs: Mapping[str, Rows]) -> None:
 
 def _draw_overestimation(panel: Any, logs: Mapping[str, Rows]) -> None:
     for colour, (label, rows) in _color(logs):
-        panel.plot(*_series(rows, "q/overestimation"), color=colour, label=label)
+        panel.plot(*read_series(rows, "q/overestimation"), color=colour, label=label)
     panel.axhline(0.0, color="black", linewidth=0.8)
     panel.set(title="Q overestimation", ylabel="first max Q less realised return")
     _add_legend(panel)
@@ -123,7 +124,7 @@ def _draw_pair(panel: Any, logs: Mapping[str, Rows], *lines: tuple[str, str]) ->
     for colour, (label, rows) in _color(logs):
         if any(lines[0][0] in row for row in rows):
             for style, (name, meaning) in zip("-:", lines, strict=True):
-                values = _series(rows, name)
+                values = read_series(rows, name)
                 if len(values[0]):
                     panel.plot(*values, style, color=colour, label=f"{label}, {meaning}")
     _add_legend(panel)

@@ -288,9 +288,7 @@ def _has_enough(run: TrainingRun) -> bool:
 
 
 def _report(run: TrainingRun, before: int, timers: Timers, is_last: bool) -> dict[str, float]:
-    """Evaluate when due, and at the end of a run that was long enough to be evaluated, and write a
-    row of the log; empty between rows.
-    """
+    """Evaluate when due and at the end, and write a row of the log; empty between rows."""
     row: dict[str, float] = {}
     every = run.config.evaluation.every_frames
     if is_due(before, run.frames, every) or (is_last and run.frames >= every):

@@ -17,6 +17,7 @@ from tests.experiments.plans import change_task, make_plan
         ({"factors": {}}, r"factors is \{\}, it must be one or more by name"),
         ({"factors": {"learner": {}}}, "factors.learner is .* one or more choices"),
         ({"factors": {"a": {"x": []}, "b": {"x": []}}}, "factors and others has 'x' twice"),
+        ({"factors": {"updates": {"x": []}}}, "factors is 'updates', it must be another name than"),
         ({"factors": {"a b": {"x": []}}}, "a name is 'a b', it must be a text of letters"),
         ({"others": {"mine": "function"}}, "others.mine is 'function', it must be module:function"),
         ({"seeds": []}, "seeds is .* one or more"),

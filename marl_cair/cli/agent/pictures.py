@@ -49,8 +49,7 @@ def save_all(
     decided = np.arange(0, length, explained.every)
     free = decided[explained.action_mask[decided].sum(1) > 1]
     decided = free if len(free) else decided  # steps with one legal action show little
-    chosen = decided[np.linspace(0, len(decided) - 1, num_steps).round().astype(int)]
-    chosen = np.unique(chosen)
+    chosen = np.unique(decided[np.linspace(0, len(decided) - 1, num_steps).round().astype(int)])
     every = -(-length // MAX_FRAMES)
     kept = range(0, length, every)
     boards = render_steps(explained, {*chosen.tolist(), *kept})

@@ -169,7 +169,7 @@ class GeneratorSettings:
     name: str = "ccdn"  # "none": all transitions are real
     batch_size: Count = 32  # real transitions of its own update
     frames_per_update: Count = 32  # frames collected for each of its updates while the gate is shut
-    open_frames_per_update: Count = 256  # the same while it is open: fewer updates suffice then
+    open_frames_per_update: Count = 128  # the same while it is open: fewer updates suffice then
     evaluate_every_frames: Count = 25_000  # frames between two evaluations of the gate
     # So a generated row is learned from as often as a real one: a fifth of batches and of rows.
     refill_every_frames: Count = 4_000  # frames between two refills while the gate is open

@@ -28,17 +28,20 @@ def read_runs(plan: Plan, path: Path) -> list[Run]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("plan", type=read_plan)
+    parser.add_argument("plan", type=Path)
     parser.add_argument("looks", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, required=True, help="a folder")
     parser.add_argument("--only", nargs="+", default=[], metavar="TASK")
     args = parser.parse_args()
-    runs = [run for path in args.looks for run in read_runs(args.plan, path)]
-    runs = [run for run in runs if run.task in (args.only or args.plan.tasks)]
+    plan = read_plan(args.plan)
+    runs = [run for path in args.looks for run in read_runs(plan, path)]
+    runs = [run for run in runs if run.task in (args.only or plan.tasks)]
+    if not runs:
+        parser.error(f"no run of {', '.join(args.only or plan.tasks)} in these looks")
     args.out.mkdir(parents=True, exist_ok=True)
-    entries = summarise(args.plan, runs)
-    write_looks(args.plan, runs, args.out / "looks.csv")
+    entries = summarise(plan, runs)
+    write_looks(plan, runs, args.out / "looks.csv")
     notes = f"Made from {', '.join(map(str, args.looks))}."
-    levels = find_levels(args.plan, runs)
-    sys.stdout.write(write_tables(args.plan, entries, levels, notes, args.out))
-    draw_results(args.plan, runs, entries, args.out / "figure.png")
+    levels = find_levels(plan, runs)
+    sys.stdout.write(write_tables(plan, entries, levels, notes, args.out))
+    draw_results(plan, runs, entries, args.out / "figure.png")

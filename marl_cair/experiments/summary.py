@@ -114,7 +114,7 @@ def _list_columns(
     yield "seconds", np.array([row["seconds"] for row in last])
     for name in ("updates", "generated_share"):
         values = np.array([row.get(name, np.nan) for row in last])
-        if np.isfinite(values).all() and values.any():
+        if np.isfinite(values).all():
             yield name, values
     if all(len(run.rows) > 1 and not run.rows[0]["frames"] for run in runs):
         yield START, np.array([run.rows[0]["score"] for run in runs])

@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numba.core.errors import TypingError
 from numpy.typing import NDArray
 
 from marl_cair.games.checks.engine import check_seed
@@ -89,12 +90,14 @@ class ScriptedPlayer:
     def act(self, observation: NDArray[Any], action_mask: NDArray[np.bool_]) -> NDArray[np.int64]:
         actions = np.zeros(action_mask.shape[:-1], np.int64)
         planes = np.ascontiguousarray(observation)
-        if self.representation == "planes" and (planes.ndim != 4 or planes.dtype != np.uint8):
-            seen = f"{planes.dtype} {list(planes.shape)}: observe that representation too"
-            raise ValueError(f"{self.name!r} reads planes, uint8 [N, C, H, W], not {seen}")
         mask = np.ascontiguousarray(action_mask)
         with np.errstate(over="ignore"):
-            self._decide_all(planes, mask, self._random, actions)
+            try:
+                self._decide_all(planes, mask, self._random, actions)
+            except TypingError as error:
+                seen = f"not {planes.dtype} {list(planes.shape)}"
+                text = f"{self.name!r} reads the representation {self.representation!r}, {seen}"
+                raise ValueError(text) from error
         return actions
 
     def state_dict(self) -> dict[str, Any]:

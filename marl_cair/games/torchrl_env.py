@@ -293,9 +293,7 @@ class BatchedGameEnv(EnvBase):
         )
 
     def current(self) -> TensorDictBase:
-        """The observations of all seats now, as `reset` returns them: after `load_game_state`, or
-        a change of `engine`. Random actions are legal under the masks that were read last.
-        """
+        """All seats' observations now, as `reset` returns them; random actions are legal there."""
         return self._pack(self._observe())
 
     def _observe(

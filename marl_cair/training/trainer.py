@@ -116,7 +116,7 @@ def _train(
         steps = iterate(run, timers)
         goes_on = watch(run)
         while goes_on and run.frames < goal and not (run.book.is_over or _has_reached_score(run)):
-            if interrupted.is_set() or is_last:
+            if interrupted.is_set() or is_last or time.monotonic() > deadline:
                 break
             before = run.frames
             try:

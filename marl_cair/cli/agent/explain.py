@@ -253,7 +253,7 @@ def make_parser() -> Parser:
         "--steps",
         type=int,
         default=4,
-        help="number of steps, evenly over the game, in values.png (default: %(default)s)",
+        help="steps with a choice in values.png, evenly over the game (default: %(default)s)",
     )
     parser.add_argument(
         "--gamma", type=float, help="discount of the return (default: the run's, else 0.99)"

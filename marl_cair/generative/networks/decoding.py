@@ -64,12 +64,12 @@ def _decode(
     out: Any,
 ) -> None:
     base, edited, surety = out
-    num, num_cells = len(planes), planes[0, 0].size
+    num, _, rows, columns = planes.shape
     num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
-    is_near = np.zeros((num_cells, num_layers), np.bool_)
-    chances = np.zeros((num_layers, 2, num_cells, num_sources))
-    likeliest = np.zeros((num_layers, num_cells), np.int64)
-    sampled = np.zeros((num_layers, num_cells), np.int64)
+    is_near = np.zeros((rows * columns, num_layers), np.bool_)
+    chances = np.zeros((num_layers, 2, rows * columns, num_sources))
+    likeliest = np.zeros((num_layers, rows * columns), np.int64)
+    sampled = np.zeros((num_layers, rows * columns), np.int64)
     for image in range(num):
         outputs = logits[image] + of_boards[image]
         base[image], likeliest[:], sampled[:], chances[:] = planes[image], 0, 0, 0.0
@@ -82,7 +82,7 @@ def _decode(
             for layer in range(num_layers):
                 if is_near[:, layer].any():
                     numbers = drawn[image, layer, 1:]
-                    _move(chances[layer], shifts, planes.shape[3], numbers, sampled[layer])
+                    _move(chances[layer], shifts, columns, numbers, sampled[layer])
             _take_sampled(known, sampled, likeliest, base[image])
         edits = outputs[:, :, num_layers * num_sources :]
         surety[image] = total + _mark_edits(edits, edited[image], layer_of, starts)

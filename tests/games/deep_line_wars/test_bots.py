@@ -165,3 +165,10 @@ GOLDEN = {
     "zigzag": {"spatial": 2_099_152_103, "classic": 259_867_088},
     "counter": {"spatial": 475_453_331, "classic": 1_936_841_593},
 }
+
+
+def test_a_bot_that_is_shown_another_representation_says_which_it_reads():
+    engine = make_game(2)
+    bot, mask = make_bot(engine, "counter"), engine.action_mask()[:, 0]
+    with pytest.raises(ValueError, match="'counter' reads the representation 'planes', not float"):
+        bot.act(np.zeros((2, 10), np.float32), mask)

@@ -55,20 +55,20 @@ def run(arguments: Sequence[str]) -> int:
             config = dataclasses.replace(config, out=f"{config.out}/{job.name}")
             sys.stdout.write(f"job {number} of {len(jobs)}: out={config.out}\n")
         is_begun = len(jobs) > 1 and (Path(config.out) / CONFIG_FILE).is_file()
-        code = _train(config, resume=is_begun)
-        if code != EXIT_DONE:
+        if code := _train(config, resume=is_begun):
             return code
     return EXIT_DONE
 
 
 def _train(config: TrainConfig, resume: bool) -> int:
+    from marl_cair.training.run import BEST_FOLDER
     from marl_cair.training.trainer import train
 
     command = resume_command(config)
     result = train(config, resume=resume, resume_with=command)
-    sys.stdout.write(
-        f"{result.frames:,} frames, {result.updates:,} updates; agent in {result.folder}/latest\n"
-    )
+    best = result.folder / BEST_FOLDER
+    where = f"agent in {result.folder}/{LATEST_FOLDER}" + f", the best in {best}" * best.is_dir()
+    sys.stdout.write(f"{result.frames:,} frames, {result.updates:,} updates; {where}\n")
     if result.was_interrupted:
         sys.stderr.write(f"interrupted and saved: resume with {command}\n")
         return EXIT_INTERRUPTED

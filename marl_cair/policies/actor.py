@@ -26,7 +26,7 @@ def masked_argmax(values: Tensor, action_mask: Tensor) -> Tensor:
     if values.shape != action_mask.shape or action_mask.dtype != torch.bool:
         raise ValueError(
             f"the mask has shape {tuple(action_mask.shape)} and dtype {action_mask.dtype}, but the "
-            f"values {tuple(values.shape)}: for N observations [N, ...] give a bool mask [N, A]"
+            f"values {tuple(values.shape)}: pass a bool mask of the same shape, [N, A] for N rows"
         )
     finite = torch.nan_to_num(values, nan=torch.finfo(values.dtype).min)
     # 1 - 1/mask is 0 or -inf; on a CPU adding it is 3 times as fast as masked_fill.

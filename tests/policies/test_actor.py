@@ -73,9 +73,9 @@ def test_a_row_without_legal_actions_is_named():
 
 
 def test_a_mask_of_another_shape_or_dtype_is_refused():
-    with pytest.raises(ValueError, match=r"the mask has shape \(2, 3\).*give a bool mask"):
+    with pytest.raises(ValueError, match=r"the mask has shape \(2, 3\).*pass a bool mask of the"):
         masked_argmax(torch.zeros(2, 2), all_legal(2, 3))
-    with pytest.raises(ValueError, match=r"dtype torch.float32.*give a bool mask"):
+    with pytest.raises(ValueError, match=r"dtype torch.float32.*pass a bool mask"):
         masked_argmax(torch.zeros(2, 2), torch.ones(2, 2))
 
 

@@ -66,36 +66,34 @@ def _decode(
     base, edited, surety = out
     num, _, rows, columns = planes.shape
     num_layers, num_sources = layer_of.max() + 1, shifts.shape[0] + 2
+    layers = sort_planes(layer_of)
     is_near = np.zeros((rows * columns, num_layers), np.bool_)
     chances = np.zeros((num_layers, 2, rows * columns, num_sources))
-    likeliest = np.zeros((num_layers, rows * columns), np.int64)
-    sampled = np.zeros((num_layers, rows * columns), np.int64)
+    chosen = np.zeros((num_layers, rows * columns), np.int64)
     for image in range(num):
         outputs = logits[image] + of_boards[image]
-        base[image], likeliest[:], sampled[:], chances[:] = planes[image], 0, 0, 0.0
+        base[image], chosen[:], chances[:] = planes[image], 0, 0.0
         find_near(planes[image], layer_of, shifts, is_near)
-        known = planes[image], layer_of, shifts
-        total = _take_likeliest(outputs, known, is_near, (base[image], likeliest, chances))
+        known = planes[image], is_near, layers, shifts
+        total = _choose_sources(outputs, known, chosen, chances)
         starts = np.full(num_layers, 0.5)
         if drawn.shape[1]:
             starts[:] = drawn[image, :, 0]
             for layer in range(num_layers):
                 if is_near[:, layer].any():
                     numbers = drawn[image, layer, 1:]
-                    _move(chances[layer], shifts, columns, numbers, sampled[layer])
-            _take_sampled(known, sampled, likeliest, base[image])
+                    _move(chances[layer], shifts, columns, numbers, chosen[layer])
+        _take_sources(known, chosen, base[image])
         edits = outputs[:, :, num_layers * num_sources :]
         surety[image] = total + _mark_edits(edits, edited[image], layer_of, starts)
 
 
 @njit(cache=True, nogil=True)
-def _take_likeliest(outputs: Any, known: Any, is_near: Any, out: Any) -> float:
-    """Write the values of the likeliest sources [P, H, W], these sources [L, H * W], and the
-    chances [L, 2, H * W, K] of `_choose`. Returns the log probability.
+def _choose_sources(outputs: Any, known: Any, chosen: Any, chances: Any) -> float:
+    """Write the likeliest sources [L, H * W], and the chances [L, 2, H * W, K] of `_choose`, where
+    a unit is near. Returns the log probability of the former.
     """
-    planes, layer_of, shifts = known
-    base, likeliest, chances = out
-    planes_of, first_of = sort_planes(layer_of)
+    planes, is_near, (planes_of, first_of), shifts = known
     num_sources, total = shifts.shape[0] + 2, 0.0
     values = np.zeros((num_sources, planes.shape[0]), np.uint8)
     for place in range(len(is_near)):
@@ -108,23 +106,24 @@ def _take_likeliest(outputs: Any, known: Any, is_near: Any, out: Any) -> float:
                 own = outputs[row, column, layer * num_sources : (layer + 1) * num_sources]
                 members = planes_of[first_of[layer] : first_of[layer + 1]]
                 best, log_prob = _choose(own, values, members, chances[layer, :, place])
-                likeliest[layer, place], total = best, total + log_prob
-                for plane in members:
-                    base[plane, row, column] = values[best, plane]
+                chosen[layer, place], total = best, total + log_prob
     return total
 
 
 @njit(cache=True, nogil=True)
-def _take_sampled(known: Any, sampled: Any, likeliest: Any, base: Any) -> None:
-    """Write the values of the sampled sources where these are not the likeliest."""
-    planes, layer_of, shifts = known
+def _take_sources(known: Any, chosen: Any, base: Any) -> None:
+    """Write the values [P, H, W] of the sources `chosen` [L, H * W] where they are not the present
+    ones, source 0.
+    """
+    planes, _, (planes_of, first_of), shifts = known
     values = np.zeros((shifts.shape[0] + 2, planes.shape[0]), np.uint8)
-    for place in range(sampled.shape[1]):
-        if (sampled[:, place] != likeliest[:, place]).any():
+    for place in range(chosen.shape[1]):
+        if chosen[:, place].any():
             row, column = place // planes.shape[2], place % planes.shape[2]
             read_sources(planes, row, column, shifts, values)
-            for plane in range(planes.shape[0]):
-                base[plane, row, column] = values[sampled[layer_of[plane], place], plane]
+            for layer in range(chosen.shape[0]):
+                for plane in planes_of[first_of[layer] : first_of[layer + 1]]:
+                    base[plane, row, column] = values[chosen[layer, place], plane]
 
 
 @njit(cache=True, nogil=True)

@@ -125,34 +125,30 @@ def _score(logits: Any, planes: Any, later: Any, layer_of: Any, shifts: Any, out
     is_near = np.zeros((rows * columns, num_layers), np.bool_)
     values = np.zeros((num_sources, num_planes), np.uint8)
     explained = np.zeros(num_sources, np.int64)
+    edits = num_layers * num_sources
     for image in range(num):
         total = 0.0
         base[image] = planes[image]
         find_near(planes[image], layer_of, shifts, is_near)
-        for row in range(rows):
-            for column in range(columns):
-                outputs, slopes = logits[image, row, column], gradients[image, row, column]
-                near = is_near[row * columns + column]
-                if near.any():
-                    read_sources(planes[image], row, column, shifts, values)
-                for layer in range(num_layers):
-                    if near[layer]:  # else all sources are equal
-                        members = planes_of[first_of[layer] : first_of[layer + 1]]
-                        explained[:] = 0
-                        for plane in members:
-                            wanted = later[image, plane, row, column]
-                            for source in range(num_sources):
-                                explained[source] += values[source, plane] == wanted
-                        first, last = layer * num_sources, (layer + 1) * num_sources
-                        loss, best = _score_sources(
-                            outputs[first:last], explained, slopes[first:last]
-                        )
-                        total += loss
-                        for plane in members:
-                            base[image, plane, row, column] = values[best, plane]
-                edits = num_layers * num_sources
-                known = base[image, :, row, column], later[image, :, row, column]
-                total += _score_edits(outputs[edits:], *known, slopes[edits:])
+        for place in range(rows * columns):
+            row, column = place // columns, place % columns
+            outputs, slopes = logits[image, row, column], gradients[image, row, column]
+            wanted, found = later[image, :, row, column], base[image, :, row, column]
+            if is_near[place].any():
+                read_sources(planes[image], row, column, shifts, values)
+            for layer in range(num_layers):
+                if is_near[place, layer]:  # else all sources are equal
+                    members = planes_of[first_of[layer] : first_of[layer + 1]]
+                    explained[:] = 0
+                    for plane in members:
+                        for source in range(num_sources):
+                            explained[source] += values[source, plane] == wanted[plane]
+                    own = slice(layer * num_sources, (layer + 1) * num_sources)
+                    loss, best = _score_sources(outputs[own], explained, slopes[own])
+                    total += loss
+                    for plane in members:
+                        found[plane] = values[best, plane]
+            total += _score_edits(outputs[edits:], found, wanted, slopes[edits:])
         nll[image] = total
 
 

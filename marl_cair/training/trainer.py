@@ -341,13 +341,13 @@ def _may_stop(run: TrainingRun, score: float) -> bool:
 
 def _summarise(row: dict[str, float]) -> str:
     shown = [f"loss {row['loss/all']:.4f}"] if "loss/all" in row else []
+    training: list[str] = []
     for name, value in row.items():
         kind, _, player = name.partition("/")
         is_weak = split_name(player)[1] < 1  # there may be dozens
         if kind in ("win_rate", "collect_win_rate") and "/" not in player and not is_weak:
-            place = " in training" if kind == "collect_win_rate" else ""
-            shown.append(f"{player} {value:.0%}{place}")
-    for name, value in row.items():
-        if name.startswith("return/") and name.count("/") == 1:
-            shown.append(f"{name.replace('/', ' of ')} {value:.3g}")
-    return ", ".join(shown)
+            (shown if kind == "win_rate" else training).append(f"{player} {value:.0%}")
+        if kind == "return" and "/" not in player:
+            shown.append(f"return of {player} {value:.3g}")
+    played = [f"in training: {', '.join(training)}"] if training else []
+    return "; ".join([", ".join(shown), *played] if shown else played)

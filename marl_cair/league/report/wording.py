@@ -46,8 +46,8 @@ def write_headline(table: LeagueTable) -> str:
     if not close:
         return f"{best} is the strongest"
     if len(close) == 1:
-        return f"{best} and {close[0]} lead and do not differ significantly"
-    return f"{best} leads, but {len(close)} others do not differ significantly from it"
+        return f"{best} and {close[0]} lead: their ratings do not differ significantly"
+    return f"{best} leads, but {len(close)} other ratings do not differ significantly from its"
 
 
 def write_summary(table: LeagueTable) -> list[str]:

@@ -179,14 +179,15 @@ def _set_length(config: TrainConfig, budget: Length, scale: float) -> TrainConfi
     else:
         frames = max(1, int(config.total_frames * scale))
     config = dataclasses.replace(config, total_frames=frames)
+    rate, whole = config.learner.learning_rate_end, "null without total_frames or budget.frames"
+    require(rate is None or frames < ENDLESS_FRAMES, "learner.learning_rate_end", rate, whole)
     if scale < 1.0:
         for path in _SCHEDULES:
             group, name = path.split(".")
             value = attrgetter(path)(config)
             if value is not None and 0 < value < ENDLESS_FRAMES:
-                own = dataclasses.replace(
-                    getattr(config, group), **{name: max(1, int(value * scale))}
-                )
+                scaled = {name: max(1, int(value * scale))}
+                own = dataclasses.replace(getattr(config, group), **scaled)
                 config = dataclasses.replace(config, **{group: own})
     return config
 

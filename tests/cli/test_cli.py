@@ -116,6 +116,17 @@ def test_the_configuration_is_printed_and_nothing_is_written(capsys, tmp_path, m
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("recipe", ["duel", "quick", "deep_rts_duel", "deep_rts_curriculum"])
+def test_an_opponent_replaces_the_one_of_a_recipe(recipe):
+    config = compose_config([f"recipe={recipe}", "opponent=random"])
+    assert dict(config.opponent.mixture) == {"random": 1.0}
+
+
+@pytest.mark.parametrize("game", ["deep_maze_9x9", "flappy_bird_gray", "quick"])
+def test_a_recipe_with_memory_joins_that_of_a_game(game):
+    assert compose_config([f"recipe=[{game},drqn]"]).policy.memory == "lstm"
+
+
 def test_recipes_of_a_users_own_folder_are_found(tmp_path):
     (tmp_path / "recipe").mkdir()
     text = "# @package _global_\n# mine\ndefaults:\n  - override /policy: capsule\n\nseed: 9\n"

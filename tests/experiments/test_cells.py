@@ -34,6 +34,17 @@ def test_later_words_override_and_a_task_leaves_choices_out():
     assert (trained.name, trained.config.learner.batch_size) == ("maze-dqn-0", 32)
 
 
+def test_a_rate_that_falls_needs_an_end_in_steps():
+    """Without one it would never fall, without a word."""
+    falls = {"dqn": ["learner.learning_rate_end=0"], "pqn": None}
+    plan = make_plan(tasks=change_task(when=falls), budget={"seconds": 60})
+    with pytest.raises(ValueError, match=r"learner.learning_rate_end is 0.0.*total_frames"):
+        list_cells(plan)
+    falls["dqn"].append("total_frames=5000")
+    plan = make_plan(tasks=change_task(when=falls), budget={"seconds": 60})
+    assert list_cells(plan)[0].config.total_frames == 5000
+
+
 def test_a_cell_is_read_back_as_it_was_written(cells, tmp_path):
     for cell in cells[:3]:
         cell.save(tmp_path)

@@ -132,7 +132,7 @@ def describe_options() -> str:
     lines += [f"  {short} is short for {name}" for short, name in SHORTHANDS.items()] + [""]
     for option in list_options():
         lines += [f"  {option.path} = {option.default}", f"      {option.comment}"]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines).replace("None", "null") + "\n"  # as options are written
 
 
 _USAGE = f"""usage: marl-cair train [group=choice ...] [option=value ...]

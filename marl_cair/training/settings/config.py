@@ -379,7 +379,7 @@ class TrainConfig:
         allowed = f"a multiple of replay.sequence_steps, which is {steps}, with policy.memory"
         require(size % steps == 0, "learner.batch_size", size, allowed)
         mixes = 1 <= count * self.synthetic_fraction <= count - 1 or not self.has_generator
-        allowed = f"so large that some of its {count} sequences are generated, such as {8 * steps}"
+        allowed = f"so large that some of its {count} sequences are generated and some are real"
         require(mixes, "learner.batch_size", size, allowed)
         streams = self.collector.num_worlds * self.game.spec.num_players
         least = 2 * streams * (steps + replay.burn_in_steps + 1)  # two, half of them tails

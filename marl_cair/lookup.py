@@ -152,18 +152,18 @@ def _describe_unknown(kind: str, name: object, known: Iterable[str]) -> str:
 def _nearest_names(name: str, names: list[str]) -> list[str]:
     """Up to MAX_NEAREST of `names`, best first; letter case and the kind of dash do not count.
 
-    Names that begin with `name` come first, in the table's order.
+    Those that begin with `name` come first. Of "learner.gamma" as many parts as `name` has count.
     """
     typed = _plain_spelling(name)
-    by_plain_spelling: dict[str, list[str]] = {}
+    num_parts = typed.count(".") + 1
+    by_end: dict[str, list[str]] = {}
     for candidate in names:
-        by_plain_spelling.setdefault(_plain_spelling(candidate), []).append(candidate)
-    matches = difflib.get_close_matches(
-        typed, by_plain_spelling, n=MAX_NEAREST, cutoff=MIN_SIMILARITY
-    )
-    longer = [plain for plain in by_plain_spelling if typed and plain.startswith(typed)]
+        end = ".".join(_plain_spelling(candidate).split(".")[-num_parts:])
+        by_end.setdefault(end, []).append(candidate)
+    matches = difflib.get_close_matches(typed, by_end, MAX_NEAREST, MIN_SIMILARITY)
+    longer = [plain for plain in by_end if typed and plain.startswith(typed)]
     ranked = dict.fromkeys([*sorted(longer, key=lambda plain: plain != typed), *matches])
-    return [original for match in ranked for original in by_plain_spelling[match]][:MAX_NEAREST]
+    return [original for match in ranked for original in by_end[match]][:MAX_NEAREST]
 
 
 def _plain_spelling(name: str) -> str:

@@ -21,7 +21,7 @@ from marl_cair.cli.parser import refuse_repeats
 from marl_cair.games import GAMES
 from marl_cair.games.game import Game
 from marl_cair.generative import GENERATORS
-from marl_cair.lookup import check_name
+from marl_cair.lookup import UnknownNameError, check_name
 from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import GameSettings, TrainConfig
@@ -36,6 +36,16 @@ SHORTHANDS = {
     "max_ticks": "game.options.max_ticks",
     "map": "game.options.map",
     "heldout_map": "evaluation.scenarios.heldout.map",
+}
+ELSEWHERE = {  # the last parts of options' names in other libraries, and what they are here
+    "lr": "learner.learning_rate",
+    "tau": "learner.target_tau",
+    "num_envs": "collector.num_worlds",
+    "n_envs": "collector.num_worlds",
+    "total_timesteps": "total_frames",
+    "buffer_size": "replay.capacity_transitions",
+    "learning_starts": "replay.min_transitions",
+    "train_freq": "learner.frames_per_update",
 }
 GROUPS = ("game", "policy", "opponent", "generator", "recipe")
 CONF_MODULE = "marl_cair.conf"
@@ -323,6 +333,8 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
                 check_name(f"{name} (marl-cair train {name}=...)", choice, list_all_choices(name))
             continue
         kinds = [path for path in options if name == path or name.startswith(f"{path}.")]
+        if not kinds and (last := name.rpartition(".")[2]) in ELSEWHERE:
+            raise UnknownNameError(f"unknown option {name!r}: here it is {ELSEWHERE[last]!r}")
         check_name("option", kinds[0] if kinds else name, [*options, *SHORTHANDS, *GROUPS])
         if name in options:
             build_value(options[name].kind, read_value(word), name)

@@ -26,6 +26,7 @@ from marl_cair.policies import NETWORKS
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
 from marl_cair.training.settings.config import GameSettings, TrainConfig
 from marl_cair.training.settings.config_file import build_config, build_value
+from marl_cair.training.settings.learner import OF_REPLAY
 from marl_cair.training.settings.options import list_options
 
 SHORTHANDS = {
@@ -112,10 +113,26 @@ def run_hydra(arguments: Sequence[str]) -> list[Job]:
             _explain(words, error)
     varied = [set(words) for _, words in composed]
     common = set.intersection(*varied) if varied else set()
-    return [
+    jobs = [
         Job(build_config(values), _name_job(w for w in words if w not in common))
         for values, words in composed
     ]
+    for job in jobs:
+        _refuse_without_effect(words, job.config)
+    return jobs
+
+
+def _refuse_without_effect(words: Sequence[str], config: TrainConfig) -> None:
+    """Raise ValueError for options of replay, given by hand, that the algorithm does not read.
+
+    Those of recipes are left: "recipe=dqn" and "recipe=pqn" join those of a game.
+    """
+    names = [] if config.learner.learns_from_replay else [f"learner.{name}" for name in OF_REPLAY]
+    for name in filter(names.__contains__, map(full_name, words)):
+        raise ValueError(
+            f"{name} has no effect with learner.algorithm={config.learner.algorithm}, which learns "
+            "from the newest steps: leave it out"
+        )
 
 
 def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

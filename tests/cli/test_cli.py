@@ -205,6 +205,7 @@ def test_scenarios_to_be_rated_on_are_mappings_of_options(tmp_path):
     [
         (["--seed=3"], "write seed=3"),
         (["learing_rate=1"], "'learner.learning_rate'"),
+        (["recipe=pqn", "learner.batch_size=64"], "no effect with learner.algorithm=pqn"),
         (["gama=0.9"], "nearest are 'learner.gamma'"),
         (["learner.lr=0.1"], "here it is 'learner.learning_rate'"),
         (["policy=capsul"], "nearest are 'capsule'"),

@@ -22,10 +22,10 @@ from marl_cair.training.settings.checks import (
 
 Steps = Annotated[int, Allowed(lambda n: 1 <= n <= MOST_STEPS, f"1..{MOST_STEPS}")]
 TARGET_UPDATES = ("soft", "hard")
-HUBER = "smooth_l1"
-ERRORS = (HUBER, "l2")
+HUBER, _SQUARED = ERRORS = ("smooth_l1", "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
 DQN = "dqn"
+OF_REPLAY = ("batch_size", "frames_per_update", "double", "target", "target_tau")
 OF_NEWEST_STEPS = ("q_lambda", "traces", "action_gap", "epochs", "minibatches")
 AVERAGED, NEWEST = BEHAVIOURS = ("averaged", "newest")
 WATKINS, PENG = TRACES = ("watkins", "peng")

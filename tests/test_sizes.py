@@ -21,7 +21,7 @@ MAX_LINES = {
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_420,
+    "cli": 4_422,
     "": 2_000,  # the modules that every part may import
 }
 

@@ -111,6 +111,9 @@ def run_hydra(arguments: Sequence[str]) -> list[Job]:
                 application()
         except (HydraException, OmegaConfBaseException) as error:
             _explain(words, error)
+    if "--cfg" in flags:  # they are printed: now they are checked
+        place = flags.index("--cfg")
+        run_hydra([*flags[:place], *flags[place + 2 :], *words])
     varied = [set(words) for _, words in composed]
     common = set.intersection(*varied) if varied else set()
     jobs = [

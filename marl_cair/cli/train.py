@@ -142,7 +142,7 @@ _USAGE = f"""usage: marl-cair train [group=choice ...] [option=value ...]
 
 --multirun, -m    one run for each combination of values, in folders of their own below out=;
                   the same command again resumes them
---cfg job         print the composed configuration and exit
+--cfg job         print the composed configuration, check it and exit
 --config-dir DIR  also read groups and recipes from this folder, for example DIR/recipe/mine.yaml
 --hydra-help      flags of Hydra
 allow_code=true   also run the code that the run's {CONFIG_FILE} names, and list it

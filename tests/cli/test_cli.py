@@ -113,6 +113,7 @@ def test_the_configuration_is_printed_and_nothing_is_written(capsys, tmp_path, m
     values = yaml.safe_load(capsys.readouterr().out)
     assert build_config(values) == compose_config(["recipe=deep_rts_duel", "seed=5"])
     assert main(["train", "--multirun", "seed=0,1", "policy=capsul"]) == 2
+    assert main(["train", "--cfg", "job", "synthetic_fraction=2"]) == 2
     assert not list(tmp_path.iterdir())
 
 

@@ -36,14 +36,10 @@ from marl_cair.generative.settings import MAX_ROUNDS, GeneratorConfig, Generator
 from marl_cair.policies.saved_weights import restore_optimizer, restore_weights
 from marl_cair.ranges import COUNT, read_number
 from marl_cair.replay.sampler import restore_generator
-from marl_cair.replay.transition import (
-    OTHER_ACTIONS,
-    UNKNOWN_ACTION,
-    mark_generated,
-)
+from marl_cair.replay.transition import OTHER_ACTIONS, UNKNOWN_ACTION, mark_generated
 
 CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
-ARCHITECTURE = 3  # of the network: raised when weights from before no longer fit
+ARCHITECTURE = 4  # of the network: raised when weights from before no longer fit
 WARMUP_UPDATES = 50  # full steps from the start leave a trunk of dead channels
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
 TRAINING, _GENERATING, _EVALUATING = range(3)
@@ -125,7 +121,8 @@ class CCDNGenerator:
         index, and rewards outside the spec's range.
         """
         heldout, rare = self._split(batch), self._counts.count(batch)
-        self._heldout.add(batch[heldout])
+        share, seed = self.config.heldout_share, self.config.seed
+        self._heldout.add(batch[is_heldout(batch["index"], share, seed)])
         self._rare_heldout.add(batch[heldout & rare])
         self._rare.add(batch[~heldout & rare])
 
@@ -221,7 +218,8 @@ class CCDNGenerator:
         gate = self.config.gate
         needed = settings.MIN_HELDOUT_ROWS
         if self._heldout.num_rows < needed:
-            reason = f"only {self._heldout.num_rows} held-out rows, {needed} are needed"
+            found, share = self._heldout.num_rows, self.config.heldout_share
+            reason = f"only {found} held-out rows, {needed} are needed; heldout_share is {share}"
             self.last_report = GateReport(False, (reason,))
             return self.last_report
         rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])
@@ -387,7 +385,9 @@ class CCDNGenerator:
     def _split(self, batch: TensorDict) -> Tensor:
         """Check real rows; return which of them are held out, bool [N]."""
         check_real_rows(batch, self.spec)
-        return is_heldout(batch["index"], self.config.heldout_share, self.config.seed)
+        ends, config = batch["next", "terminated"][:, 0], self.config
+        share = torch.where(ends, config.heldout_ends, config.heldout_share)
+        return is_heldout(batch["index"], share, config.seed)
 
 
 def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:

@@ -15,8 +15,9 @@ from marl_cair.replay.transition import OTHER_ACTIONS, check_transitions
 _HASH_MODULUS = 2**31
 
 
-def is_heldout(index: Tensor, share: float, seed: int) -> Tensor:
+def is_heldout(index: Tensor, share: float | Tensor, seed: int) -> Tensor:
     """Whether real transitions of these replay indices are held out of training, bool [N].
+    share: of all, or [N] for each.
 
     A hash of the index decides: the same row is always on the same side, in every process and after
     a resume. int64 arithmetic wraps, as in a multiplicative hash; the constant from the seed is
@@ -128,7 +129,8 @@ def check_real_rows(batch: TensorDict, spec: GeneratorSpec) -> None:
             "as it determines which rows are held out"
         )
     rewards, (low, high) = batch["next", "reward"], spec.reward_range
-    if not bool(((rewards >= low) & (rewards <= high)).all()):
+    rounding = 1e-6 * max(abs(low), abs(high))  # of scaled rewards, which are float32
+    if not bool(((rewards >= low - rounding) & (rewards <= high + rounding)).all()):
         raise ValueError(
             f"rewards reach from {float(rewards.min())} to {float(rewards.max())}, outside of "
             f"reward_range {spec.reward_range}: widen it in the GeneratorSpec"

@@ -15,12 +15,7 @@ from marl_cair.generative.settings import MAX_ROUNDS
 from marl_cair.policies.actor import masked_argmax
 from marl_cair.replay import transition
 from marl_cair.replay.buffer import EpisodeReplayBuffer
-from marl_cair.replay.transition import (
-    NEXT_DONE,
-    NEXT_REWARD,
-    OTHER_ACTIONS,
-    STEPS_TO_NEXT_OBS,
-)
+from marl_cair.replay.transition import NEXT_DONE, NEXT_REWARD, OTHER_ACTIONS, STEPS_TO_NEXT_OBS
 
 _KEYS = (*transition.EXPERIENCE_KEYS, STEPS_TO_NEXT_OBS)
 _STATE_KEYS = ("observation", "action_mask", OTHER_ACTIONS)

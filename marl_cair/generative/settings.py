@@ -207,7 +207,7 @@ class GateConfig:
     min_change_explained: float = 0.6  # of pictures and vectors, for the F1: of squared change
     min_reward_explained: float = 0.6  # of their variance; what views hide cannot be explained
     max_constant_reward_error: float = 0.2  # if rewards hardly vary: error as a share of theirs
-    min_terminals: int = 10  # fewer held-out ends cannot show the AUC: generate no ends
+    min_terminals: int = 5  # fewer held-out ends cannot show the AUC: generate no ends
     min_terminal_auc: float = 0.85  # below, P(end) is of little use
     # An end generated as a row that continues bootstraps from a state that does not exist. Rows
     # that may end, but not surely, are not generated: P(end) has a bound, tuned on held-out ends.
@@ -230,6 +230,11 @@ class GateConfig:
             (0.0 < self.tail < 0.5, "tail", "a share above 0 and below 0.5"),
             (self.min_terminals >= 1, "min_terminals", "1 or more"),
             (self.min_rare_rows >= 1, "min_rare_rows", "1 or more"),
+            (
+                self.evaluation_rows >= MIN_HELDOUT_ROWS,
+                "evaluation_rows",
+                f"{MIN_HELDOUT_ROWS} or more",
+            ),
         ):
             _require(holds, name, getattr(self, name), allowed)
 
@@ -257,6 +262,7 @@ class GeneratorConfig:
     rare_share: float = 0.25  # of each training batch: rows with a rare reward or an end
     rare_capacity: int = 2048  # such rows that are kept
     heldout_share: float = 0.1  # of real transitions, by hash of their index
+    heldout_ends: float = 0.5  # of ends: they are few at first, and few are enough to learn from
     heldout_capacity: int = 4096  # transitions; fewer hold only a part of each game
     counterfactual_share: float = 0.5  # of rows whose first step is generated take another action
     seed: int = 0  # of weights and sampling; a training run gives its own
@@ -266,13 +272,12 @@ class GeneratorConfig:
     gate: GateConfig = field(default_factory=GateConfig)
 
     def __post_init__(self) -> None:
-        for name, least in (
-            ("rare_capacity", 1),
-            ("heldout_capacity", MIN_HELDOUT_ROWS),
-        ):
+        for name, least in (("rare_capacity", 1), ("heldout_capacity", MIN_HELDOUT_ROWS)):
             value = getattr(self, name)
             _require(value >= least, name, value, f"{least} or more")
-        for name in ("rare_share", "heldout_share"):
+        for name in ("learning_rate", "max_grad_norm"):
+            _require(getattr(self, name) > 0.0, name, getattr(self, name), "a number above 0")
+        for name in ("rare_share", "heldout_share", "heldout_ends"):
             share = getattr(self, name)
             _require(0.0 < share < 1.0, name, share, "a share above 0 and below 1")
         share = self.counterfactual_share

@@ -7,13 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from marl_cair import policies
-from marl_cair.policies.body import (
-    Body,
-    is_image,
-    require_planes,
-    standardise,
-    standardise_changes,
-)
+from marl_cair.policies.body import Body, is_image, require_planes, standardise, standardise_changes
 from marl_cair.policies.cell_values import CellValues, PlaceValues, check_cells
 from marl_cair.policies.config import NAF, CapsuleSizes, QNetworkConfig
 from marl_cair.policies.distances import DistanceMaps

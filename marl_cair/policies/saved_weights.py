@@ -38,7 +38,7 @@ def restore_weights(network: nn.Module, saved: Mapping[str, Any], where: str) ->
 
 
 def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) -> None:
-    """Load an optimiser's state from `state_dict`. where: its owner, for the message.
+    """Load an optimiser's `state_dict`, less its learning rate. where: its owner, for the message.
 
     Raises ValueError if it belongs to other weights, or would break the next step.
     """
@@ -50,6 +50,7 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) 
         for name, value in held.items():
             if name == "lr":
                 read_number(group, name, WEIGHT)
+                group[name] = value
             elif group.get(name) != value:
                 raise ValueError(
                     f"{where}.{name} is {group.get(name)!r:.80}, expected {value!r:.80}"

@@ -336,7 +336,7 @@ def _has_reached_score(run: TrainingRun) -> bool:
 def _may_stop(run: TrainingRun, score: float) -> bool:
     """Whether a score ends the run; not while exploration falls, as early scores vary widely."""
     goal, is_exploring = run.config.stop_score, run.frames < run.config.exploration.anneal_frames
-    return goal is not None and score >= goal and not is_exploring
+    return goal is not None and score >= goal and (run.is_offline or not is_exploring)
 
 
 def _summarise(row: dict[str, float]) -> str:

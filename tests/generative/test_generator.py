@@ -217,9 +217,13 @@ def test_observed_held_out_rows_do_not_reach_the_rare_ring(real_rows):
     rings = [(state["heldout"], True), (state["rare_heldout"], True)]
     rings += [(state["rare"], False)]
     for ring, expected in rings:
-        index = ring["rows"]["index"]
+        index, ends = ring["rows"]["index"], ring["rows"]["next.terminated"][:, 0]
         assert index.numel() > 10
-        assert (is_heldout(index, SMALL.heldout_share, SMALL.seed) == expected).all()
+        share = torch.where(ends, SMALL.heldout_ends, SMALL.heldout_share)
+        assert (is_heldout(index, share, SMALL.seed) == expected).all()
+    # All held-out rows are a fair sample: ends are not in it more often than they are.
+    index = state["heldout"]["rows"]["index"]
+    assert is_heldout(index, SMALL.heldout_share, SMALL.seed).all()
 
 
 def number(rows, *indices):

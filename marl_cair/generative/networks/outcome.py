@@ -15,11 +15,13 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torch.nn import functional
 
+from marl_cair.generative.networks.boards import is_picture
 from marl_cair.generative.networks.paths import PathReadout
 from marl_cair.generative.settings import GeneratorSpec, NetworkSize
 from marl_cair.policies.config import NO_CELL
 
 SUM_UNIT = 0.1  # weight of one cell in a sum: a dozen units are about 1
+MEETING_GAIN = 100.0  # few ends with the same meeting outweigh all that merely came with them
 ROBUST_UNITS = 4.0  # larger errors of a reward count linearly
 REWARD_WEIGHT = 4.0  # against the sums over all cells
 # The mask's loss is a mean over actions, those of the cells are sums.
@@ -47,6 +49,7 @@ class Outcome(NamedTuple):
 class OutcomeHeads(nn.Module):
     """OutcomeInput -> Outcome. num_features: E."""
 
+    pairs: Tensor  # [2, P], of planes that may meet at a cell
     kinds: Tensor
     place: Tensor
     has_cell: Tensor
@@ -70,8 +73,12 @@ class OutcomeHeads(nn.Module):
         least, most = MASK_WEIGHTS
         self.mask_weight = min(max(least, MASK_WEIGHT_EACH * spec.num_actions), most)
         self.paths = PathReadout(spec, size) if size.distances else None
-        num_paths = self.paths.num_numbers if self.paths else 0
-        self.enter = nn.Linear(num_features + num_paths, 2 * hidden)
+        num_features += self.paths.num_numbers if self.paths else 0
+        num_planes = 0 if is_picture(spec) else spec.num_spatial
+        pairs = torch.triu_indices(num_planes, num_planes)
+        self.register_buffer("pairs", pairs, persistent=False)
+        self.enter = nn.Linear(num_features, 2 * hidden)
+        self.meet = nn.Linear(pairs.shape[1], 1, bias=False) if pairs.numel() else None
         # Separate layers: the mask's loss is far larger than those of reward and end.
         self.middle = nn.ModuleList(nn.Linear(hidden, hidden) for _ in range(2))
         self.reward, self.end = nn.Linear(hidden, 2), nn.Linear(hidden, 1)
@@ -81,6 +88,8 @@ class OutcomeHeads(nn.Module):
         self.of_cells = nn.Conv2d(channels, num_named, 1) if num_named else None
         with torch.no_grad():
             self.end.bias.sub_(RARE_BIAS)
+            if self.meet is not None:
+                self.meet.weight.zero_()
 
     def forward(self, seen: OutcomeInput) -> Outcome:
         features = [seen.features]
@@ -94,7 +103,11 @@ class OutcomeHeads(nn.Module):
         if self.of_cells is not None:
             of_cells = self.of_cells(seen.after).flatten(1)
             mask = mask + of_cells[:, self.place] * self.has_cell
-        return Outcome(self.reward(of_value), self.end(of_value)[:, 0], mask)
+        end = self.end(of_value)
+        if self.meet is not None:
+            before, after = map(find_meetings, seen.boards)
+            end = end + self.meet(MEETING_GAIN * (after - before)[:, *self.pairs])
+        return Outcome(self.reward(of_value), end[:, 0], mask)
 
     def expect_reward(self, outcome: Outcome) -> Tensor:
         """Rewards [N]: those of an end where it is likelier than none."""
@@ -125,6 +138,16 @@ class OutcomeHeads(nn.Module):
             "end": functional.binary_cross_entropy_with_logits(outcome.end + end_log_odds, ends),
             "mask": (mask * (1.0 - ends[real])).sum() / max(1, len(mask)) * self.mask_weight,
         }
+
+
+def find_meetings(board: Tensor) -> Tensor:
+    """Which planes of uint8 [N, S, H, W] meet, both above 0 at a cell: 1.0 or 0.0, [N, S, S].
+
+    A player at a goal, a unit at a base: ends and rewards that a network with these pairs learns
+    from five examples, and else from a hundred (docs/experiments/generator.md#meetings).
+    """
+    filled = (board > 0).flatten(2).float()
+    return torch.bmm(filled, filled.transpose(1, 2)).clamp_max(1.0)
 
 
 def pool(board: Tensor) -> tuple[Tensor, Tensor]:

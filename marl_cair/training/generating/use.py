@@ -72,7 +72,8 @@ def use_generator(run: TrainingRun, before: int) -> None:
     run.replay.generated_open = run.may_use_generated
     if num_refills and run.may_use_generated:
         with _attempt(run, "generating"):
-            _refill(run, generator, num_refills * settings.rows_per_refill)
+            num_rows = num_refills * settings.rows_per_refill
+            _refill(run, generator, min(num_rows, run.replay.generated.capacity))
 
 
 def begin_offline(run: TrainingRun) -> None:

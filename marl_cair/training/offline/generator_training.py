@@ -184,7 +184,8 @@ class _Training:
         for update in range(1, settings.updates + 1):
             places = torch.randint(len(data.train), (settings.batch_size,), generator=self.random)
             found = self.generator.update(complete_rows(data.train, places))
-            if broken := [name for name, value in found.items() if not math.isfinite(value)]:
+            losses_found = {**found, "grad_norm": 0.0}  # a step of infinite gradient is skipped
+            if broken := [name for name, x in losses_found.items() if not math.isfinite(x)]:
                 raise FloatingPointError(
                     f"the loss {broken[0]} is {found[broken[0]]} at update {update}: take a "
                     "smaller learning rate (--set learning_rate=...)"

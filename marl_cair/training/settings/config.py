@@ -330,7 +330,7 @@ class TrainConfig:
             plays = self.nfsp.enabled or self.demonstration.is_given
             allowed = "null with nfsp.enabled or demonstration: their games are not played offline"
             require(not plays, "offline.dataset", self.offline.dataset, allowed)
-        elif self.learner.learns_from_replay:
+        elif self.fills_replay:
             self._check_replay()
         if self.policy.memory != NO_MEMORY:
             self._check_memory()

@@ -1,6 +1,8 @@
 """A generator that knows the rules of Deep Maze: what a perfect generator would do for a learner.
 
 marl-cair experiment synthetic --only deep_maze one_step_real perfect_20 perfect_50
+
+Its variants show what of a perfect generator matters: when it begins, and whether it knows goals.
 """
 
 import torch
@@ -13,6 +15,8 @@ from marl_cair.games.deep_maze import tables as t
 from marl_cair.generative.heldout import make_empty_transitions
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.transition import mark_generated
+
+LATE_ROWS, TAUGHT_ENDS = 4_000, 5
 
 
 class PerfectMazeGenerator(MemoryGenerator):
@@ -58,6 +62,44 @@ class PerfectMazeGenerator(MemoryGenerator):
         rows["next", "terminated"] = rows["next", "done"] = is_end[:, None]
         mark_generated(rows)
         return rows, torch.full((len(rows),), self._is_open)
+
+
+class LateMazeGenerator(PerfectMazeGenerator):
+    """The same, but its gate opens after 4,000 transitions, about when that of `ccdn` does."""
+
+    _num_seen = 0
+
+    def observe(self, batch: TensorDict) -> None:
+        """Remember and count real transitions."""
+        super().observe(batch)  # type: ignore[no-untyped-call]
+        self._num_seen += len(batch)
+
+    @property
+    def _is_open(self) -> bool:
+        return super()._is_open and self._num_seen >= LATE_ROWS
+
+
+class EndlessMazeGenerator(PerfectMazeGenerator):
+    """The same, without the transitions that reach a goal."""
+
+    def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
+        """As the base class; ends are not accepted while `_may_end` is false."""
+        rows, accepted = super().predict(starts)
+        return rows, accepted & (~rows["next", "terminated"][:, 0] | self._may_end)
+
+    _may_end = False
+
+
+class TaughtMazeGenerator(EndlessMazeGenerator):
+    """The same, which may reach a goal once players have reached it five times."""
+
+    _num_ends = 0
+
+    def observe(self, batch: TensorDict) -> None:
+        """Remember real transitions, and count their ends."""
+        super().observe(batch)  # type: ignore[no-untyped-call]
+        self._num_ends += int(batch["next", "terminated"].sum())
+        self._may_end = self._num_ends >= TAUGHT_ENDS
 
 
 def _shift(player: Tensor, move: int) -> Tensor:

@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 3_484,
     "self_play": 1_035,
     "league": 8_055,
-    "training": 7_963,
+    "training": 7_975,
     "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,

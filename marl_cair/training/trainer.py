@@ -25,7 +25,12 @@ from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.collecting.rollout import make_rollout
 from marl_cair.training.due import count_due, is_due
 from marl_cair.training.evaluation import evaluate
-from marl_cair.training.generating.use import begin_offline, observe_steps, use_generator
+from marl_cair.training.generating.use import (
+    begin_offline,
+    observe_steps,
+    show_replay,
+    use_generator,
+)
 from marl_cair.training.learner import DivergedError
 from marl_cair.training.newest_steps import DoubleValues, iterate_batches, make_rows
 from marl_cair.training.run import TrainingRun
@@ -176,6 +181,8 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[None]:
     """Collect, store, learn, generate and keep snapshots once per `next`."""
     if run.is_offline:
         yield from _iterate_offline(run, timers)
+    if run.frames == 0 and run.config.demonstration.replays is not None:
+        show_replay(run)
     batches, snapshot_every = iter(run.collector), run.config.opponent.snapshot_every_frames
     while True:
         before, start = run.frames, time.process_time()

@@ -10,9 +10,11 @@ from marl_cair.games import GAMES
 from marl_cair.games.replays import read_replays, replay_steps
 from marl_cair.league.play.match import play_match
 from marl_cair.league.play.recording import Recording
+from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import ReplaySettings
 from marl_cair.training.settings.demonstration import DemonstrationSettings
+from marl_cair.training.trainer import iterate
 from tests.training.runs import tiny, train
 
 GAME = GAMES["deep_line_wars"]
@@ -83,6 +85,17 @@ def test_rewards_are_those_of_the_run(tmp_path, games):
         expected += sum(one.rewards[0, replay.players.index("turtle")] for one in steps)
     assert rewards.sum().item() == pytest.approx(expected * config.learner.reward_scale, rel=1e-4)
     assert rewards.abs().sum() > 0
+
+
+def test_the_generator_sees_them_too(tmp_path, games):
+    run = TrainingRun(make(tmp_path, games, "turtle"))
+    shown = int(run.replay.real.storage.step_slots().numel())
+    assert shown > 100
+    rounds = iterate(run, Timers())
+    next(rounds)
+    counted = run.generator.state_dict()["counts"]["counts"][0]
+    run.close()
+    assert counted >= shown
 
 
 @pytest.mark.slow

@@ -130,6 +130,11 @@ def _switch_off(run: TrainingRun, what: str, error: Exception) -> None:
 def _begin_again(run: TrainingRun) -> None:
     """Switch the new generator on, and show it all of replay: it has seen nothing yet."""
     run.generator_is_on = True
+    show_replay(run)
+
+
+def show_replay(run: TrainingRun) -> None:
+    """Pass all real steps of the replay to the generator, if there is one and it is on."""
     for slots in torch.split(run.replay.real.storage.step_slots(), OBSERVED_ROWS):
         observe_steps(run, slots)
 

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from docs.extending.generator import MemoryGenerator
 from marl_cair.games.deep_maze import observation as seen
 from marl_cair.games.deep_maze import tables as t
+from marl_cair.generative.gate import GateReport
 from marl_cair.generative.heldout import make_empty_transitions
 from marl_cair.generative.settings import GeneratorConfig, GeneratorSpec
 from marl_cair.replay.transition import mark_generated
@@ -74,9 +75,12 @@ class LateMazeGenerator(PerfectMazeGenerator):
         super().observe(batch)  # type: ignore[no-untyped-call]
         self._num_seen += len(batch)
 
-    @property
-    def _is_open(self) -> bool:
-        return super()._is_open and self._num_seen >= LATE_ROWS
+    def evaluate(self) -> GateReport:
+        """Open the gate if enough was seen."""
+        missing = LATE_ROWS - self._num_seen
+        reasons = (f"{missing} transitions are missing",) if missing > 0 else ()
+        self.last_report = GateReport(passed=not reasons, reasons=reasons)
+        return self.last_report
 
 
 class EndlessMazeGenerator(PerfectMazeGenerator):

@@ -143,10 +143,10 @@ def find_by_name(kind: str, name: str, table: Mapping[str, T]) -> T:
 def _describe_unknown(kind: str, name: object, known: Iterable[str]) -> str:
     names = list(dict.fromkeys(known))
     nearest = _nearest_names(name, names) if isinstance(name, str) else []
-    hint = f"nearest are {_list_names(nearest)}; " if nearest else ""
+    hint = f"nearest are {', '.join(map(repr, nearest))}; " if nearest else ""
     if nearest and len(names) > MAX_LISTED:
         return f"unknown {kind} {name!r}: {hint.rstrip('; ')}"
-    return f"unknown {kind} {name!r}: {hint}known are {_list_names(names) or 'none'}"
+    return f"unknown {kind} {name!r}: {hint}known are {', '.join(map(repr, names)) or 'none'}"
 
 
 def _nearest_names(name: str, names: list[str]) -> list[str]:
@@ -160,15 +160,14 @@ def _nearest_names(name: str, names: list[str]) -> list[str]:
     for candidate in names:
         end = ".".join(_plain_spelling(candidate).split(".")[-num_parts:])
         by_end.setdefault(end, []).append(candidate)
-    matches = difflib.get_close_matches(typed, by_end, MAX_NEAREST, MIN_SIMILARITY)
-    longer = [plain for plain in by_end if typed and plain.startswith(typed)]
-    ranked = dict.fromkeys([*sorted(longer, key=lambda plain: plain != typed), *matches])
-    return [original for match in ranked for original in by_end[match]][:MAX_NEAREST]
+    close = difflib.get_close_matches(typed, by_end, MAX_NEAREST, MIN_SIMILARITY)
+    longer = [end for end in by_end if typed and end.startswith(typed)]
+    begins = typed.replace(".", "_")
+    whole = [n for n in names if typed and _plain_spelling(n).replace(".", "_").startswith(begins)]
+    ends = dict.fromkeys([*sorted(longer, key=lambda end: end != typed), *close])
+    ranked = [*(n for n in whole if "." in n), *(n for end in ends for n in by_end[end])]
+    return list(dict.fromkeys(ranked))[:MAX_NEAREST]
 
 
 def _plain_spelling(name: str) -> str:
     return name.casefold().replace("-", "_").replace(" ", "_")
-
-
-def _list_names(names: Iterable[str]) -> str:
-    return ", ".join(repr(name) for name in names)

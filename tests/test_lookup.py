@@ -7,6 +7,7 @@ from marl_cair.lookup import UnknownNameError, find_by_name
 GAMES = {"deep_line_wars": 1, "deep_rts": 2, "deep_maze": 3, "flappy_bird": None}
 NEAREST = "nearest are 'deep_maze', 'deep_rts', 'deep_line_wars'"
 MAZES = ["x9-loops", "9x9-stochastic", "9x9-random", "9x9-loops", "9x9-a"]
+OPTIONS = ["out", "game.name", "game.size", "learner.gamma", "learner.algorithm", "replay.capacity"]
 
 
 def test_known_names_give_their_entries():
@@ -40,6 +41,10 @@ def test_unknown_names_list_the_nearest_first_and_all_known(names, name, message
         *((GAMES, other, "'deep_line_wars'") for other in ("deep-line-wars", "DeepLineWars")),
         # At most three; names that begin with the typed text come first, in the table's order.
         (MAZES, "9X9", "'9x9-stochastic', '9x9-random', '9x9-loops';"),
+        # Of names with dots their ends are compared; those that begin so come first.
+        (OPTIONS, "gama", "'learner.gamma', 'game.name'"),
+        (OPTIONS, "game", "'game.name', 'game.size', 'learner.gamma'"),
+        (OPTIONS, "learner.gama", "'learner.gamma'"),
         # The same name in another spelling comes before longer ones.
         (["cov", "conv-large", "conv"], "Conv", "'conv', 'conv-large', 'cov';"),
         (["agent_1", "agent_2", "agent_3", "agent_4"], "agent_9", "'agent_"),

@@ -48,6 +48,7 @@ ELSEWHERE = {  # the last parts of options' names in other libraries, and what t
     "learning_starts": "replay.min_transitions",
     "train_freq": "learner.frames_per_update",
 }
+_OTHER_RATES = ("nfsp", "generator")  # these have a learning rate of their own
 GROUPS = ("game", "policy", "opponent", "generator", "recipe")
 CONF_MODULE = "marl_cair.conf"
 CONF = files("marl_cair") / "conf"
@@ -111,31 +112,40 @@ def run_hydra(arguments: Sequence[str]) -> list[Job]:
                 application()
         except (HydraException, OmegaConfBaseException) as error:
             _explain(words, error)
-    if "--cfg" in flags:  # they are printed: now they are checked
-        place = flags.index("--cfg")
-        run_hydra([*flags[:place], *flags[place + 2 :], *words])
+    if not composed:  # `--cfg` has printed them: now they are checked
+        run_hydra([*_list_folders(flags), *words])
+        return []
     varied = [set(words) for _, words in composed]
     common = set.intersection(*varied) if varied else set()
     jobs = [
         Job(build_config(values), _name_job(w for w in words if w not in common))
         for values, words in composed
     ]
-    for job in jobs:
-        _refuse_without_effect(words, job.config)
+    if not any(job.config.learner.learns_from_replay for job in jobs):
+        _refuse_of_replay(words, jobs[0].config.learner.algorithm)
     return jobs
 
 
-def _refuse_without_effect(words: Sequence[str], config: TrainConfig) -> None:
-    """Raise ValueError for options of replay, given by hand, that the algorithm does not read.
+def _refuse_of_replay(words: Sequence[str], algorithm: str) -> None:
+    """Raise ValueError for options of replay, given by hand, which the algorithm does not read.
 
     Those of recipes are left: "recipe=dqn" and "recipe=pqn" join those of a game.
     """
-    names = [] if config.learner.learns_from_replay else [f"learner.{name}" for name in OF_REPLAY]
-    for name in filter(names.__contains__, map(full_name, words)):
+    of_replay = {f"learner.{name}" for name in OF_REPLAY}
+    for name in filter(of_replay.__contains__, map(full_name, words)):
         raise ValueError(
-            f"{name} has no effect with learner.algorithm={config.learner.algorithm}, which learns "
-            "from the newest steps: leave it out"
+            f"{name} has no effect with learner.algorithm={algorithm}, which learns from the "
+            "newest steps: leave it out"
         )
+
+
+def _list_folders(flags: list[str]) -> list[str]:
+    """Those of Hydra's flags, with their values, that say where settings are read."""
+    found: list[str] = []
+    for flag, value in zip(flags, [*flags[1:], ""], strict=True):
+        if flag.partition("=")[0] in _FOLDER_FLAGS:
+            found += [flag] if "=" in flag else [flag, value]
+    return found
 
 
 def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -155,10 +165,8 @@ def _split_flags(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     return flags, words
 
 
-_FLAGS_WITH_VALUE = {
-    *("--cfg", "-c", "--package", "-p"),
-    *("--config-dir", "-cd", "--config-name", "-cn"),
-}
+_FOLDER_FLAGS = {"--config-dir", "-cd", "--config-name", "-cn"}
+_FLAGS_WITH_VALUE = {"--cfg", "-c", "--package", "-p", *_FOLDER_FLAGS}
 
 
 @contextmanager
@@ -353,7 +361,8 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
                 check_name(f"{name} (marl-cair train {name}=...)", choice, list_all_choices(name))
             continue
         kinds = [path for path in options if name == path or name.startswith(f"{path}.")]
-        if not kinds and (last := name.rpartition(".")[2]) in ELSEWHERE:
+        group, _, last = name.rpartition(".")
+        if not kinds and last in ELSEWHERE and group.partition(".")[0] not in _OTHER_RATES:
             raise UnknownNameError(f"unknown option {name!r}: here it is {ELSEWHERE[last]!r}")
         check_name("option", kinds[0] if kinds else name, [*options, *SHORTHANDS, *GROUPS])
         if name in options:

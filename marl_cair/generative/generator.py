@@ -105,7 +105,7 @@ class CCDNGenerator:
         self.optimizer = torch.optim.Adam(weights, lr=config.learning_rate, fused=True)
         self.num_updates = 0
         self.last_report: GateReport | None = None
-        self._counts = RareCounts()
+        self._counts = RareCounts(config.heldout_share, config.heldout_ends)
         self._heldout = TransitionRing(spec, config.heldout_capacity)
         self._rare_heldout = TransitionRing(spec, config.heldout_capacity // 8)
         self._rare = TransitionRing(spec, config.rare_capacity)

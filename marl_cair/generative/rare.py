@@ -26,11 +26,13 @@ class Correction(NamedTuple):
 class RareCounts:
     """Running counts of real rows: all, rare ones, ends; and the size of rewards.
 
+    heldout_share, heldout_ends: shares of rows and of ends that are not trained on.
     A row is rare if it ends the episode, or its reward is more than four units: the unit is the
     root mean square of the rewards of all other rows so far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, heldout_share: float = 0.0, heldout_ends: float = 0.0) -> None:
+        self._kept, self._kept_ends = 1.0 - heldout_share, 1.0 - heldout_ends
         self.num_rows = self.num_rare = self.num_ends = self.sum_square = self.ends_square = 0.0
 
     @property
@@ -65,12 +67,16 @@ class RareCounts:
         rare, ends: bool [N], of the batch.
         """
         num_rows, drawn = max(1.0, self.num_rows), num_drawn / max(1, len(rare))
+        kept_ends = self._kept_ends * self.num_ends
+        kept_rare = kept_ends + self._kept * (self.num_rare - self.num_ends)
+        kept_rows = max(1.0, kept_rare + self._kept * (num_rows - self.num_rare))
         true = min(max(self.num_rare / num_rows, 1e-6), 1.0 - 1e-6)
-        in_batch = drawn + (1.0 - drawn) * true
+        in_batch = drawn + (1.0 - drawn) * min(max(kept_rare / kept_rows, 1e-6), 1.0 - 1e-6)
         weights = torch.where(rare, true / in_batch, (1.0 - true) / (1.0 - in_batch + 1e-9))
         true_end = (self.num_ends + 0.5) / (num_rows + 1.0)
-        drawn_end = (self.num_ends + 0.5) / (self.num_rare + 1.0)
-        odds = torch.tensor([drawn * drawn_end + (1.0 - drawn) * true_end, true_end])
+        drawn_end = (kept_ends + 0.5) / (kept_rare + 1.0)
+        kept_end = (kept_ends + 0.5) / (kept_rows + 1.0)
+        odds = torch.tensor([drawn * drawn_end + (1.0 - drawn) * kept_end, true_end])
         odds = odds.clamp(1e-6, 1.0 - 1e-6).logit()
         return Correction(weights, float(odds[0] - odds[1]))
 

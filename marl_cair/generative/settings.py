@@ -280,5 +280,8 @@ class GeneratorConfig:
         for name in ("rare_share", "heldout_share", "heldout_ends"):
             share = getattr(self, name)
             _require(0.0 < share < 1.0, name, share, "a share above 0 and below 1")
+        most = self.heldout_ends  # else the gate would be tested on ends that are learned
+        allowed = f"heldout_ends, which is {most}, at most"
+        _require(self.heldout_share <= most, "heldout_share", self.heldout_share, allowed)
         share = self.counterfactual_share
         _require(0.0 <= share <= 1.0, "counterfactual_share", share, "0..1")

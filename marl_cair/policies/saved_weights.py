@@ -50,7 +50,6 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) 
         for name, value in held.items():
             if name == "lr":
                 read_number(group, name, WEIGHT)
-                group[name] = value
             elif group.get(name) != value:
                 raise ValueError(
                     f"{where}.{name} is {group.get(name)!r:.80}, expected {value!r:.80}"
@@ -60,7 +59,7 @@ def restore_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) 
             raise ValueError(f"{where} holds a weight {number!r:.80}, there are {len(parameters)}")
         for name, value in kept.items():
             _check_moment(f"{where}.{number}.{name}", value, parameters[number])
-    optimizer.load_state_dict(dict(saved))
+    optimizer.load_state_dict({**saved, "param_groups": own})
 
 
 def _check_moment(name: str, value: Any, parameter: Tensor) -> None:

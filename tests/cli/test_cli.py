@@ -83,6 +83,7 @@ def test_opponents_in_a_game_are_its_bots_and_all_ways_of_self_play(game):
 
 @pytest.mark.slow
 def test_a_sweep_composes_one_job_for_each_combination(capsys):
+    assert len(run_hydra(["-m", "learner.algorithm=dqn,pqn", "learner.batch_size=64"])) == 2
     jobs = run_hydra(["--multirun", "seed=0,1", "policy=conv,capsule", "total_frames=1e4"])
     assert [(job.config.seed, job.config.policy.body) for job in jobs] == [
         (0, "conv"),
@@ -113,7 +114,8 @@ def test_the_configuration_is_printed_and_nothing_is_written(capsys, tmp_path, m
     values = yaml.safe_load(capsys.readouterr().out)
     assert build_config(values) == compose_config(["recipe=deep_rts_duel", "seed=5"])
     assert main(["train", "--multirun", "seed=0,1", "policy=capsul"]) == 2
-    assert main(["train", "--cfg", "job", "synthetic_fraction=2"]) == 2
+    for flags in (["--cfg", "job"], ["--cfg=job"], ["-c", "job"], ["--cfg", "job", "--resolve"]):
+        assert main(["train", *flags, "synthetic_fraction=2"]) == 2
     assert not list(tmp_path.iterdir())
 
 
@@ -209,6 +211,8 @@ def test_scenarios_to_be_rated_on_are_mappings_of_options(tmp_path):
         (["recipe=pqn", "learner.batch_size=64"], "no effect with learner.algorithm=pqn"),
         (["gama=0.9"], "nearest are 'learner.gamma'"),
         (["learner.lr=0.1"], "here it is 'learner.learning_rate'"),
+        (["collector=3"], "nearest are 'collector.num_worlds'"),
+        (["nfsp.lr=0.1"], "nearest are 'nfsp."),
         (["policy=capsul"], "nearest are 'capsule'"),
         (["recipe=deep_rts_dule"], "nearest are 'deep_rts_duel'"),
         (["recipe=deep_rts_duel", "recipe=deep_rts_economy"], "give it once"),

@@ -61,3 +61,24 @@ def test_counts_are_saved_and_checked():
 
 def test_no_held_out_rare_rows_are_no_error(trained, real_rows):
     assert len(trained.imagine(real_rows[:0]).reward) == 0
+
+
+def test_the_correction_knows_that_half_of_the_ends_are_held_out():
+    """Odds of ends in a batch, by drawing batches as a generator does."""
+    random = torch.Generator().manual_seed(0)
+    num, heldout_share, heldout_ends = 40_000, 0.1, 0.5
+    kinds = torch.rand(num, generator=random)
+    ends = kinds < 0.01
+    rewards = torch.where(ends | (kinds > 0.96), 1.0, 0.001)
+    counts = RareCounts(heldout_share, heldout_ends)
+    rare = counts.count(make_rows(rewards, ends))
+    assert rare.sum() > 4 * ends.sum()
+    chance = torch.rand(num, generator=random)
+    kept = chance >= torch.where(ends, heldout_ends, heldout_share)
+    drawn, batch = 0.25, 100
+    share = drawn * ends[kept & rare].float().mean() + (1 - drawn) * ends[kept].float().mean()
+    truth = ends.float().mean()
+    in_batch = torch.arange(batch) < drawn * batch
+    correction = counts.correct(in_batch, in_batch, int(drawn * batch))
+    expected = share.logit() - truth.logit()
+    assert correction.end_log_odds == pytest.approx(float(expected), abs=0.08)

@@ -31,6 +31,10 @@ FRAMES = {"observation_shape": (3, 16, 16), "num_uniform": 1, "num_frames": 2}
         (GeneratorConfig(), {"heldout_capacity": 7}, "heldout_capacity is 7, expected 200 or"),
         (GeneratorConfig(), {"rare_capacity": 0}, "rare_capacity is 0, expected 1 or more"),
         (GeneratorConfig(), {"heldout_share": 1.0}, "1.0, expected a share above 0 and below 1"),
+        (GeneratorConfig(), {"heldout_share": 0.6}, "is 0.6, expected heldout_ends, which is 0.5"),
+        (GeneratorConfig(), {"heldout_ends": 0.05}, "is 0.1, expected heldout_ends, which is 0.05"),
+        (GeneratorConfig(), {"learning_rate": 0.0}, "learning_rate is 0.0, expected a number abov"),
+        (GeneratorConfig(), {"max_grad_norm": -1.0}, "max_grad_norm is -1.0, expected a number ab"),
         (GeneratorConfig(), {"counterfactual_share": 1.5}, r"share is 1.5, expected 0\.\.1"),
         (NetworkSize(), {"channels": 0}, "size.channels is 0, expected 1 or more"),
         (NetworkSize(), {"depth": 0}, "size.depth is 0, expected 1 or more"),
@@ -38,6 +42,7 @@ FRAMES = {"observation_shape": (3, 16, 16), "num_uniform": 1, "num_frames": 2}
         (ThesisSize(), {"learning_rate": 0.0}, "thesis.learning_rate is 0.0, expected above 0"),
         (GateConfig(), {"tail": 0.5}, "tail is 0.5, expected a share above 0 and below 0.5"),
         (GateConfig(), {"min_terminals": 0}, "min_terminals is 0, expected 1 or more"),
+        (GateConfig(), {"evaluation_rows": 1}, "evaluation_rows is 1, expected 200 or more"),
         (GateConfig(), {"min_rare_rows": 0}, "min_rare_rows is 0, expected 1 or more"),
     ],
 )

@@ -172,7 +172,18 @@ def test_a_field_that_is_newer_than_the_data_set_has_its_default_there(folder):
     older = dataclasses.replace(about, scenario_options=held)
     usual = make_engine("deep_line_wars", "11x11", reward="shaped")
     _check_game("data", older, usual, "planes")
+    discounted = make_engine("deep_line_wars", "11x11", reward="shaped", shaping_discount=0.9)
+    with pytest.raises(ValueError, match="shaping_discount is 0.99 there, 0.9 in this run"):
+        _check_game("data", older, discounted, "planes")
     other = make_engine("deep_line_wars", "11x11", reward="shaped", max_ticks=70)
     message = f"max_ticks is {usual.scenario.max_ticks} there, 70 in this run"
     with pytest.raises(ValueError, match=message):
         _check_game("data", older, other, "planes")
+
+
+def test_the_discount_of_shaping_matters_only_where_rewards_are_shaped(folder):
+    about = load_dataset(folder).about
+    plain = {**about.scenario_options, "reward": "sparse"}
+    changes = {"max_ticks": 100, "reward": "sparse", "shaping_discount": 0.9}
+    engine = make_engine("deep_line_wars", "11x11", **changes)
+    _check_game("data", dataclasses.replace(about, scenario_options=plain), engine, "planes")

@@ -68,7 +68,10 @@ def _check_game(
             "collect another one, or change the run"
         )
     recorded = game.scenario(None, **restore_fields(about.scenario_options))  # newer fields too
-    if differing := list_differences(vars(recorded), scenario):
+    fields = dict(vars(recorded))
+    if getattr(scenario, "reward", "") != "shaped":  # then the discount changes nothing
+        fields.pop("shaping_discount", None)
+    if differing := list_differences(fields, scenario):
         raise ValueError(
             f"the data set {source} is of another scenario: {differing}. Collect it "
             "with --set, or change game.options, game.reward or learner.gamma (shaping_discount)"

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from marl_cair.games.engine import BatchedEngine
     from marl_cair.training.settings.config import TrainConfig
 
+SHAPED = ("shaped", "distance")  # rewards that look at `shaping_discount`
 STORED_ROWS = 2_048  # at a time
 
 
@@ -69,8 +70,8 @@ def _check_game(
         )
     recorded = game.scenario(None, **restore_fields(about.scenario_options))  # newer fields too
     fields = dict(vars(recorded))
-    if getattr(scenario, "reward", "") != "shaped":  # then the discount changes nothing
-        fields.pop("shaping_discount", None)
+    if "shaping_discount" in fields and scenario.reward not in SHAPED:
+        fields["shaping_discount"] = scenario.shaping_discount  # it changes nothing there
     if differing := list_differences(fields, scenario):
         raise ValueError(
             f"the data set {source} is of another scenario: {differing}. Collect it "

@@ -143,8 +143,8 @@ class OutcomeHeads(nn.Module):
 def find_meetings(board: Tensor) -> Tensor:
     """Which planes of uint8 [N, S, H, W] meet, both above 0 at a cell: 1.0 or 0.0, [N, S, S].
 
-    A player at a goal, a unit at a base: ends and rewards that a network with these pairs learns
-    from five examples, and else from a hundred (docs/experiments/generator.md#meetings).
+    A player at a goal, a unit at a base: what ends a game is learned from few examples by these
+    pairs (docs/experiments/generator.md#meetings).
     """
     filled = (board > 0).flatten(2).float()
     return torch.bmm(filled, filled.transpose(1, 2)).clamp_max(1.0)

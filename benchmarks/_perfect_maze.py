@@ -86,12 +86,12 @@ class LateMazeGenerator(PerfectMazeGenerator):
 class EndlessMazeGenerator(PerfectMazeGenerator):
     """The same, without the transitions that reach a goal."""
 
+    _may_end = False
+
     def predict(self, starts: TensorDict) -> tuple[TensorDict, Tensor]:
         """As the base class; ends are not accepted while `_may_end` is false."""
         rows, accepted = super().predict(starts)
         return rows, accepted & (~rows["next", "terminated"][:, 0] | self._may_end)
-
-    _may_end = False
 
 
 class TaughtMazeGenerator(EndlessMazeGenerator):

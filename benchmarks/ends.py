@@ -16,7 +16,7 @@ from marl_cair.generative.generator import CCDNGenerator
 from marl_cair.generative.networks import outcome
 from marl_cair.generative.quality import find_auc
 from marl_cair.generative.settings import GeneratorConfig
-from marl_cair.replay.dataset import load_dataset
+from marl_cair.replay.dataset import DatasetDescription, load_dataset
 from marl_cair.training.generating.generators import make_for_game
 from marl_cair.training.offline.generator_training import complete_rows, describe_game
 
@@ -24,28 +24,32 @@ TRAIN_ROWS, OTHER_ROWS = 12_000, 1_200
 LEAST_HELDOUT = 1e-6  # of the training rows: the test rows are of other episodes
 
 
-def measure(folder: str, num_ends: int, seed: int, updates: int) -> dict[str, float]:
-    """Train on 12,000 transitions with `num_ends` ends; P(end) of the others' ends and goings-on.
+def measure(
+    about: DatasetDescription,
+    train: TensorDict,
+    tested: TensorDict,
+    num_ends: int,
+    seed: int,
+    updates: int,
+) -> dict[str, float]:
+    """Train on 12,000 transitions with `num_ends` ends; recognise the ends of the `tested` ones.
 
-    Raises ValueError for a data set with too few ends.
+    Raises ValueError for too few ends.
     """
-    data = load_dataset(folder)
-    spec, seen = describe_game(data.about)
+    spec, seen = describe_game(about)
     config = GeneratorConfig(seed=seed, heldout_share=LEAST_HELDOUT, heldout_ends=LEAST_HELDOUT)
-    others = data.about.num_players - 1
+    others = about.num_players - 1
     made = make_for_game("ccdn", config, seen, spec, spec.reward_bound, others)
     generator = cast(CCDNGenerator, made)
-    train = complete_rows(data.train, torch.arange(len(data.train)))
     ends = train["next", "terminated"][:, 0]
     if int(ends.sum()) < num_ends:
-        raise ValueError(f"{folder} has {int(ends.sum())} ends to train on, {num_ends} are wanted")
+        raise ValueError(f"{int(ends.sum())} ends are there to train on, {num_ends} are wanted")
     going_on = (~ends).nonzero()[:TRAIN_ROWS, 0]
     rows = train[torch.cat([going_on, ends.nonzero()[:num_ends, 0]])]
     generator.observe(rows)
     draws = torch.Generator().manual_seed(seed)
     for _ in range(updates):
         generator.update(rows[torch.randint(len(rows), (128,), generator=draws)])
-    tested: TensorDict = complete_rows(data.heldout, torch.arange(len(data.heldout)))
     is_end = tested["next", "terminated"][:, 0]
     step = max(1, int((~is_end).sum()) // OTHER_ROWS)
     of_ends = generator.imagine(tested[is_end]).end
@@ -67,12 +71,16 @@ def main() -> None:
     parser.add_argument("--updates", type=int, default=600)
     options = parser.parse_args()
     torch.set_num_threads(1)
+    data = load_dataset(options.dataset)
+    train = complete_rows(data.train, torch.arange(len(data.train)))
+    tested = complete_rows(data.heldout, torch.arange(len(data.heldout)))
     usual = outcome.MEETING_GAIN
     for num_ends in options.ends:
         for gain in (usual, 0.0):
             outcome.MEETING_GAIN = gain
             found = [
-                measure(options.dataset, num_ends, seed, options.updates) for seed in options.seeds
+                measure(data.about, train, tested, num_ends, seed, options.updates)
+                for seed in options.seeds
             ]
             text = ", ".join(
                 f"{name} {' '.join(f'{one[name]:.3f}' for one in found)}" for name in found[0]

@@ -14,7 +14,7 @@ MAX_LINES = {
     "generative": 3_493,
     "self_play": 1_035,
     "league": 8_055,
-    "training": 7_986,
+    "training": 7_982,
     "experiments": 1_805,
     "viewer": 725,
     "window": 2_680,

@@ -28,6 +28,7 @@ from marl_cair.training.settings.config import NO_GENERATOR, TrainConfig
 from marl_cair.training.settings.config_file import learned_fields
 
 GENERATOR_FILE = "generator.pt"  # in a run's folder
+UNCHECKED = "grad_norm"  # may be infinite: generators skip such a step by themselves
 _MADE_FOR = "made_for"  # entry of that file beside the generator's own
 GRAY = "gray"  # one grey picture, 84 x 84
 _ONE_STEP, _NONE = "1 with generator.name=ccdn_thesis", "0 with generator.name=ccdn_thesis"

@@ -22,6 +22,7 @@ from marl_cair.generative.rollouts import Rollouts, imagine_sequences
 from marl_cair.policies.actor import PolicyActor, masked_argmax
 from marl_cair.replay.transition import NEXT_OBSERVATION
 from marl_cair.training.due import count_due, is_due
+from marl_cair.training.generating.generators import UNCHECKED
 from marl_cair.training.generating.picture import NUM_DRAWN, PICTURE_FILE, draw_predictions
 from marl_cair.training.run import TrainingRun
 
@@ -29,7 +30,6 @@ MOST_RETRIES = 3  # then the generator stays off
 MOST_LOSS = 1e6  # per row: a frame of 84 x 84 that changes wholly costs 150,000
 FAILURE_FILE = "generator_failure.txt"  # in a run's folder: the last failure
 OBSERVED_ROWS = 1_024  # at a time
-_UNCHECKED = "grad_norm"  # generators skip a step of infinite gradient by themselves
 
 
 class GeneratorFailedError(ValueError):
@@ -147,7 +147,7 @@ def _learn(run: TrainingRun, generator: Generator) -> None:
 
 def _require_finite(what: str, numbers: Mapping[str, float], most: float = math.inf) -> None:
     for name, value in numbers.items():
-        if name != _UNCHECKED and not (math.isfinite(value) and abs(value) <= most):
+        if name != UNCHECKED and not (math.isfinite(value) and abs(value) <= most):
             raise GeneratorFailedError(f"the {what} {name!r} is {value}")
 
 

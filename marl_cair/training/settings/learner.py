@@ -25,14 +25,8 @@ TARGET_UPDATES = ("soft", "hard")
 HUBER, _SQUARED = ERRORS = ("smooth_l1", "l2")
 OPTIMIZERS = ("adam", "radam", "rmsprop", "sgd")
 DQN = "dqn"
-OF_REPLAY = (
-    "batch_size",
-    "frames_per_update",
-    "double",
-    "target",
-    "target_tau",
-    "target_every_updates",
-)
+_OF_TARGETS = ("double", "target", "target_tau", "target_every_updates")
+OF_REPLAY = ("batch_size", "frames_per_update", *_OF_TARGETS)
 OF_NEWEST_STEPS = ("q_lambda", "traces", "action_gap", "epochs", "minibatches")
 AVERAGED, NEWEST = BEHAVIOURS = ("averaged", "newest")
 WATKINS, PENG = TRACES = ("watkins", "peng")

@@ -17,8 +17,9 @@ from marl_cair.generative.networks import outcome
 from marl_cair.generative.quality import find_auc
 from marl_cair.generative.settings import GeneratorConfig
 from marl_cair.replay.dataset import DatasetDescription, load_dataset
+from marl_cair.training.collecting.filling import complete_rows
 from marl_cair.training.generating.generators import make_for_game
-from marl_cair.training.offline.generator_training import complete_rows, describe_game
+from marl_cair.training.offline.generator_training import describe_game
 
 TRAIN_ROWS, OTHER_ROWS = 12_000, 1_200
 LEAST_HELDOUT = 1e-6  # of the training rows: the test rows are of other episodes

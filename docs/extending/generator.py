@@ -29,6 +29,9 @@ class MemoryGenerator:
         """Remember real transitions."""
         self._ring.add(batch)
 
+    def hold_out(self, batch):
+        """This gate needs no held-out transitions."""
+
     def update(self, batch):
         """Nothing is learned; returns losses for the log."""
         return {}

@@ -106,6 +106,9 @@ class _CodedGenerator:
     def observe(self, batch: TensorDict) -> None:
         self.generator.observe(_convert(batch, self.codec.encode))
 
+    def hold_out(self, batch: TensorDict) -> None:
+        self.generator.hold_out(_convert(batch, self.codec.encode))
+
     def imagine(self, rows: TensorDict, generator: torch.Generator | None = None) -> Imagined:
         coded = self._encode_starts(rows)
         made: Imagined = cast(Any, self.generator).imagine(coded, generator)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
-from dataclasses import asdict
 from typing import Any, Protocol, cast
 
 import torch
@@ -39,7 +37,6 @@ from marl_cair.replay.sampler import restore_generator
 from marl_cair.replay.transition import OTHER_ACTIONS, UNKNOWN_ACTION, mark_generated
 
 CHUNK_ROWS = 64  # without gradients: the arrays of all cells then fit the cache
-ARCHITECTURE = 4  # of the network: raised when weights from before no longer fit
 WARMUP_UPDATES = 50  # full steps from the start leave a trunk of dead channels
 MIN_AVERAGE_SHARE = 0.005  # of the newest weights in the average
 TRAINING, _GENERATING, _EVALUATING = range(3)
@@ -58,6 +55,9 @@ class Generator(Protocol):
 
     def observe(self, batch: TensorDict) -> None:
         """Add new real transitions: held-out rows for the gate, rare rows for training."""
+
+    def hold_out(self, batch: TensorDict) -> None:
+        """Add real transitions for `evaluate` alone: those that a data set holds out."""
 
     def update(self, batch: TensorDict) -> dict[str, float]:
         """Learn from real transitions, sampled uniformly from replay; return losses for the log."""
@@ -120,11 +120,17 @@ class CCDNGenerator:
         Raises ValueError for generated rows, rows of more than one step, rows without a replay
         index, and rewards outside the spec's range.
         """
-        heldout, rare = self._split(batch), self._counts.count(batch)
-        share, seed = self.config.heldout_share, self.config.seed
-        self._heldout.add(batch[is_heldout(batch["index"], share, seed)])
+        heldout, rare, config = self._split(batch), self._counts.count(batch), self.config
+        self._heldout.add(batch[is_heldout(batch["index"], config.heldout_share, config.seed)])
         self._rare_heldout.add(batch[heldout & rare])
         self._rare.add(batch[~heldout & rare])
+
+    def hold_out(self, batch: TensorDict) -> None:
+        """Add real transitions to the held-out rows. Raises ValueError as `observe` does."""
+        check_real_rows(batch, self.spec)
+        rewards, ends = batch["next", "reward"][:, 0], batch["next", "terminated"][:, 0]
+        self._heldout.add(batch)
+        self._rare_heldout.add(batch[self._counts.find_rare(rewards, ends)])
 
     def update(self, batch: TensorDict) -> dict[str, float]:
         """One optimiser step on `batch` less its held-out rows, of which a share `rare_share` is
@@ -227,18 +233,17 @@ class CCDNGenerator:
         metrics = quality.measure_rows(rows, made, self.spec)
         metrics |= self.rate_masks(rows)
         rare = self._rare_heldout.select(torch.arange(self._rare_heldout.num_rows))
-        made_rare, is_rare = self.imagine(rare), self._find_rare(rare["next", "reward"][:, 0])
-        going_on = made.end[~rows["next", "terminated"][:, 0]]
+        is_rare = self._counts.find_rare(rare["next", "reward"][:, 0])
+        made_rare, going_on = self.imagine(rare), made.end[~rows["next", "terminated"][:, 0]]
         metrics |= measure_rare(rare, made_rare, is_rare, going_on)
         half = len(rows) // 2
         ends = made_rare.end[rare["next", "terminated"][:, 0]]
         acceptance = tune_acceptance(made.select(slice(half)), ends, metrics, gate)
         tested, rest = rows[half:], made.select(slice(half, None))
-        accepted = acceptance.accept(rest, self._find_rare(rest.reward))
+        accepted = acceptance.accept(rest, self._counts.find_rare(rest.reward))
         metrics["accepted/end_bound"] = acceptance.unlikely
         metrics |= quality.measure_acceptance(tested, rest, self.spec, accepted)
-        is_open = self.last_report is not None and self.last_report.passed
-        reasons = check_quality(metrics, gate.loosen() if is_open else gate)
+        reasons = check_quality(metrics, gate.loosen() if self._is_open else gate)
         self.last_report = GateReport(not reasons, reasons, metrics, acceptance)
         return self.last_report
 
@@ -251,9 +256,6 @@ class CCDNGenerator:
         masks = [self._read_mask(self.average.judge(part, read_others(part))) for part in parts]
         right = torch.cat(masks).cpu() == rows["next", "action_mask"]
         return {"mask/given_next": float(right.float().mean())}
-
-    def _find_rare(self, rewards: Tensor) -> Tensor:
-        return self._counts.find_rare(rewards, torch.zeros_like(rewards, dtype=torch.bool))
 
     def generate(self, starts: TensorDict, num_rows: int) -> TensorDict:
         """Return up to `num_rows` accepted transitions; fewer after `MAX_ROUNDS` of proposals.
@@ -301,7 +303,7 @@ class CCDNGenerator:
         rows["next", "reward"] = made.reward[:, None]
         rows["next", "terminated"] = rows["next", "done"] = (made.end > 0.5)[:, None]
         mark_generated(rows)
-        accepted = report.acceptance.accept(made, self._find_rare(made.reward))
+        accepted = report.acceptance.accept(made, self._counts.find_rare(made.reward))
         return rows, accepted & ~find_broken_structure(rows, self.spec)
 
     def _draw_others(self, starts: TensorDict, random: torch.Generator) -> Tensor:
@@ -370,14 +372,15 @@ class CCDNGenerator:
 
     def export_knowledge(self) -> dict[str, Any]:
         """Return network and optimiser, with the spec and sizes they belong to."""
-        return {**_describe(self.spec, self.config), "network": self._export_network()}
+        described = settings.describe_network(self.spec, self.config)
+        return {**described, "network": self._export_network()}
 
     def import_knowledge(self, knowledge: dict[str, Any]) -> None:
         """Start from the network of `export_knowledge`; the gate stays shut until `evaluate`.
 
         Raises ValueError if it is for other transitions, or of another size.
         """
-        for name, own in _describe(self.spec, self.config).items():
+        for name, own in settings.describe_network(self.spec, self.config).items():
             if knowledge.get(name) != own:
                 raise ValueError(f"its {name} is {knowledge.get(name)}, but this run's is {own}")
         self._import_network(knowledge["network"])
@@ -388,11 +391,3 @@ class CCDNGenerator:
         ends, config = batch["next", "terminated"][:, 0], self.config
         share = torch.where(ends, config.heldout_ends, config.heldout_share)
         return is_heldout(batch["index"], share, config.seed)
-
-
-def _describe(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
-    """Return the settings that networks must be used with."""
-    described = {**asdict(spec), "size": asdict(config.size), "architecture": ARCHITECTURE}
-    del described["reward_range"]  # clamps predictions, no weights depend on it
-    # Tuples become lists, as in saved settings.
-    return cast(dict[str, Any], json.loads(json.dumps(described)))

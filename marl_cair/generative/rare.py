@@ -57,7 +57,7 @@ class RareCounts:
         self.num_rare += float(rare.sum())
         return rare
 
-    def find_rare(self, rewards: Tensor, ends: Tensor) -> Tensor:
+    def find_rare(self, rewards: Tensor, ends: Tensor | bool = False) -> Tensor:
         """Which rows are rare by the counts so far, bool [N]."""
         return ends | (rewards.abs() > RARE_UNITS * self.reward_unit)
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, cast
 
 from marl_cair.policies.config import NO_CELL
 
 if TYPE_CHECKING:
     from marl_cair.replay.transition import TransitionSpec
 
+ARCHITECTURE = 4  # of the network: raised when weights from before no longer fit
 MAX_ROUNDS = 4  # of proposals in one call, if many are rejected
 # Of an open gate: factor for changed cells, which vary by 0.03; gains of scalars vary by 0.01.
 _SLACK_OF_CELLS, _SLACK_OF_GAINS = 0.9, 0.02
@@ -262,7 +264,7 @@ class GeneratorConfig:
     rare_share: float = 0.25  # of each training batch: rows with a rare reward or an end
     rare_capacity: int = 2048  # such rows that are kept
     heldout_share: float = 0.1  # of real transitions, by hash of their index
-    heldout_ends: float = 0.5  # of ends: they are few at first, and few are enough to learn from
+    heldout_ends: float = 0.5  # of ends: they are few, and few are enough to learn from
     heldout_capacity: int = 4096  # transitions; fewer hold only a part of each game
     counterfactual_share: float = 0.5  # of rows whose first step is generated take another action
     seed: int = 0  # of weights and sampling; a training run gives its own
@@ -279,9 +281,18 @@ class GeneratorConfig:
             _require(getattr(self, name) > 0.0, name, getattr(self, name), "a number above 0")
         for name in ("rare_share", "heldout_share", "heldout_ends"):
             share = getattr(self, name)
-            _require(0.0 < share < 1.0, name, share, "a share above 0 and below 1")
+            is_off = share == 0.0 and name != "rare_share"  # where a data set holds out
+            _require(is_off or 0.0 < share < 1.0, name, share, "a share above 0 and below 1")
         most = self.heldout_ends  # else the gate would be tested on ends that are learned
         allowed = f"heldout_ends, which is {most}, at most"
         _require(self.heldout_share <= most, "heldout_share", self.heldout_share, allowed)
         share = self.counterfactual_share
         _require(0.0 <= share <= 1.0, "counterfactual_share", share, "0..1")
+
+
+def describe_network(spec: GeneratorSpec, config: GeneratorConfig) -> dict[str, Any]:
+    """The settings that a network must be used with, as plain data."""
+    described = {**asdict(spec), "size": asdict(config.size), "architecture": ARCHITECTURE}
+    del described["reward_range"]  # clamps predictions, no weights depend on it
+    # Tuples become lists, as in saved settings.
+    return cast(dict[str, Any], json.loads(json.dumps(described)))

@@ -49,6 +49,9 @@ class ThesisGenerator:
     def observe(self, batch: TensorDict) -> None:
         """Nothing is held out."""
 
+    def hold_out(self, batch: TensorDict) -> None:
+        """There is no gate."""
+
     def update(self, batch: TensorDict) -> dict[str, float]:
         """One step of Adam on the mean squared error of the next frames' pixels."""
         device = next(self.network.parameters()).device

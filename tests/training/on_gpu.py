@@ -15,8 +15,9 @@ from marl_cair.generative.settings import ThesisSize
 from marl_cair.policies import NO_MEMORY
 from marl_cair.policies.q_network import QNetworkConfig
 from marl_cair.replay import load_dataset
+from marl_cair.training.collecting.filling import complete_rows
 from marl_cair.training.generating.generators import make_for_game, move_generator
-from marl_cair.training.offline.generator_training import complete_rows, describe_game
+from marl_cair.training.offline.generator_training import describe_game
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import EvaluationSettings
 from marl_cair.training.settings.demonstration import DemonstrationSettings

@@ -118,10 +118,27 @@ def test_with_a_fraction_of_1_no_real_row_is_in_a_batch(folder, tmp_path, monkey
     run.close()
 
 
+@pytest.mark.parametrize("scale", [1.0, 0.25])
+def test_the_gate_holds_the_rows_that_the_data_set_holds_out(folder, tmp_path, scale):
+    config = offline(tmp_path / "run", folder, 0.2)
+    scaled = dataclasses.replace(config.learner, reward_scale=scale)
+    run = TrainingRun(dataclasses.replace(config, learner=scaled))
+    next(iterate(run, Timers()))
+    held = run.generator._heldout
+    kept = held.select(torch.arange(held.num_rows))
+    every = run.replay.real.read_steps(run.replay.real.storage.step_slots())
+    assert not run.generator._split(every).any()  # all others are learned from
+    run.close()
+    heldout = load_dataset(folder).heldout.to_tensordict()
+    heldout["next", "reward"] *= scale
+    assert len(kept) == len(heldout) == 240
+    assert sorted(find_places(heldout)) == sorted(find_places(kept))
+
+
 def test_while_its_gate_is_shut_nothing_is_learned_from_real_rows_instead(folder, tmp_path, capsys):
     result = train(offline(tmp_path / "run", folder, 1.0), show_progress=True)
     assert result.updates == 0
-    assert "shut, nothing is learned: only" in "".join(capsys.readouterr())
+    assert "shut, nothing is learned: changed-cell F1 0.000 is below" in "".join(capsys.readouterr())
 
 
 @pytest.mark.slow
@@ -141,6 +158,12 @@ def test_a_run_that_does_not_fit_is_refused(folder, tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
         TrainingRun(offline(tmp_path / "run", folder, **changes))
     assert not (tmp_path / "run").exists()
+
+
+def test_without_a_data_set_the_gate_needs_held_out_rows(tmp_path):
+    model = dataclasses.replace(SMALL_GENERATOR, heldout_share=0.0)
+    with pytest.raises(ValueError, match="generator.model.heldout_share is 0.0, it must be above"):
+        TrainingRun(tiny(tmp_path, 512, generator=GeneratorSettings(model=model)))
 
 
 def test_what_needs_play_is_refused(folder, tmp_path):

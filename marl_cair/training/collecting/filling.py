@@ -14,10 +14,13 @@ from marl_cair.replay.dataset import EPISODE, SEAT, STEP, DatasetDescription, lo
 from marl_cair.replay.rollout import Rollout
 from marl_cair.replay.storage import EpisodeStorage
 from marl_cair.replay.transition import (
+    EXPERT_ACTION,
+    INDEX,
     NEXT_ACTION_MASK,
     NEXT_OBSERVATION,
     NO_ACTION,
     NO_OPPONENT,
+    OPPONENT,
     OTHER_ACTIONS,
 )
 from marl_cair.training.collecting.recorded import list_differences
@@ -55,6 +58,19 @@ def fill_from_dataset(storage: EpisodeStorage, config: TrainConfig, engine: Batc
         chosen = rows[torch.from_numpy(order[part])]
         storage.append(_make_rollout(chosen, is_last[part], scale, storage.spec.num_others))
     storage.forget_streams()
+
+
+def complete_rows(rows: TensorDict, places: torch.Tensor, reward_scale: float = 1.0) -> TensorDict:
+    """The transitions at `places` of a data set, as one-step rows of replay."""
+    chosen = rows[places].exclude(EPISODE, SEAT, STEP)
+    num = len(chosen)
+    chosen["next", "reward"] *= reward_scale
+    chosen["steps_to_next_obs"] = torch.ones(num, 1, dtype=torch.int64)
+    chosen["is_generated"] = torch.zeros(num, 1, dtype=torch.bool)
+    chosen[EXPERT_ACTION] = torch.full((num,), NO_ACTION)
+    chosen[OPPONENT] = torch.full((num,), NO_OPPONENT, dtype=torch.int16)
+    chosen[INDEX] = places
+    return chosen
 
 
 def _check_game(

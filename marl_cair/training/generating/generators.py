@@ -191,6 +191,11 @@ def load_knowledge(
 def _make(config: TrainConfig, seen: Representation, spec: GameSpec, seed: int) -> Generator:
     settings = config.generator
     model = dataclasses.replace(settings.model, seed=seed)
+    if config.offline.dataset:
+        model = dataclasses.replace(model, heldout_share=0.0, heldout_ends=0.0)
+    else:
+        share = model.heldout_share
+        require(share > 0.0, "generator.model.heldout_share", share, "above 0: the gate needs rows")
     bound = spec.reward_bound * config.learner.reward_scale
     made = make_for_game(settings.name, model, seen, spec, bound, count_others(config, spec))
     if isinstance(made, ThesisGenerator):  # it knows no rewards but that of the real first step

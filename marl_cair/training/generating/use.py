@@ -20,7 +20,9 @@ from marl_cair.files import write_atomically
 from marl_cair.generative.generator import Generator
 from marl_cair.generative.rollouts import Rollouts, imagine_sequences
 from marl_cair.policies.actor import PolicyActor, masked_argmax
+from marl_cair.replay.dataset import load_dataset
 from marl_cair.replay.transition import NEXT_OBSERVATION
+from marl_cair.training.collecting.filling import complete_rows
 from marl_cair.training.due import count_due, is_due
 from marl_cair.training.generating.generators import UNCHECKED
 from marl_cair.training.generating.picture import NUM_DRAWN, PICTURE_FILE, draw_predictions
@@ -131,12 +133,23 @@ def _begin_again(run: TrainingRun) -> None:
     """Switch the new generator on, and show it all of replay: it has seen nothing yet."""
     run.generator_is_on = True
     show_replay(run)
+    if run.is_offline:
+        with _attempt(run, "observing held-out transitions"):
+            _hold_out(run)
 
 
 def show_replay(run: TrainingRun) -> None:
     """Pass all real steps of the replay to the generator, if there is one and it is on."""
     for slots in torch.split(run.replay.real.storage.step_slots(), OBSERVED_ROWS):
         observe_steps(run, slots)
+
+
+def _hold_out(run: TrainingRun) -> None:
+    rows = load_dataset(run.config.offline.dataset or "").heldout
+    for places in torch.split(torch.arange(len(rows)), OBSERVED_ROWS):
+        part = complete_rows(rows, places, run.config.learner.reward_scale)
+        if run.generator is not None and run.generator_is_on:
+            run.generator.hold_out(part)
 
 
 def _learn(run: TrainingRun, generator: Generator) -> None:

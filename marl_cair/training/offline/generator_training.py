@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
-from tensordict import TensorDict
 
 from marl_cair import files
 from marl_cair.games import GAMES
@@ -25,14 +24,8 @@ from marl_cair.replay.dataset import (
     load_dataset,
     read_description,
 )
-from marl_cair.replay.transition import (
-    EXPERT_ACTION,
-    INDEX,
-    NEXT_OBSERVATION,
-    NO_ACTION,
-    NO_OPPONENT,
-    OPPONENT,
-)
+from marl_cair.replay.transition import NEXT_OBSERVATION
+from marl_cair.training.collecting.filling import complete_rows
 from marl_cair.training.generating.generators import (
     GENERATOR_FILE,
     UNCHECKED,
@@ -74,7 +67,8 @@ class GeneratorTraining:
         for name, lowest in least.items():
             if getattr(self, name) < lowest:
                 raise ValueError(f"{name} is {getattr(self, name)}, it must be {lowest} or more")
-        object.__setattr__(self, "config", replace(self.config, seed=self.seed))
+        config = replace(self.config, seed=self.seed, heldout_share=0.0, heldout_ends=0.0)
+        object.__setattr__(self, "config", config)  # the data set has held-out rows
 
 
 def describe_game(about: DatasetDescription) -> tuple[GameSpec, Representation]:
@@ -249,15 +243,3 @@ class _Training:
                 self.drawn[NEXT_OBSERVATION],
                 dict(zip(names, self.guesses, strict=True)),
             )
-
-
-def complete_rows(rows: TensorDict, places: torch.Tensor) -> TensorDict:
-    """The transitions at `places` of a data set, with the labels of real ones in replay."""
-    chosen = rows[places].exclude("episode", "seat", "step")
-    num = len(chosen)
-    chosen["steps_to_next_obs"] = torch.ones(num, 1, dtype=torch.int64)
-    chosen["is_generated"] = torch.zeros(num, 1, dtype=torch.bool)
-    chosen[EXPERT_ACTION] = torch.full((num,), NO_ACTION)
-    chosen[OPPONENT] = torch.full((num,), NO_OPPONENT, dtype=torch.int16)
-    chosen[INDEX] = places
-    return chosen

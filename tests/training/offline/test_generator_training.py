@@ -212,7 +212,7 @@ def test_wrong_words_are_refused(words, message, capsys):
 class Silent:
     """A generator that cannot be measured."""
 
-    spec = observe = update = evaluate = generate = predict = last_report = None
+    spec = observe = hold_out = update = evaluate = generate = predict = last_report = None
     state_dict = load_state_dict = export_knowledge = import_knowledge = None
 
     def __init__(self, config, spec):

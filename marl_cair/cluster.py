@@ -243,13 +243,17 @@ def _connect(cluster: str, num_workers: int) -> None:
 
 
 @cache
-def _read_versions() -> dict[str, str]:
-    """Of the libraries; of our own also a digest of the code: commits share a version."""
+def digest_code() -> str:
+    """A digest of the code of `marl_cair`: commits share a version."""
     code = hashlib.sha256()
     for path in sorted(Path(__file__).parent.rglob("*.py")):
         code.update(path.read_text("utf-8").encode())  # without the line endings of a system
-    found = {name: version(name) for name in _LIBRARIES}
-    return found | {"code of marl_cair": code.hexdigest()[:8]}
+    return code.hexdigest()[:8]
+
+
+@cache
+def _read_versions() -> dict[str, str]:
+    return {**{name: version(name) for name in _LIBRARIES}, "code of marl_cair": digest_code()}
 
 
 def _run(context: _Context, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:

@@ -224,16 +224,20 @@ def _check_numbers(rating: RatingSettings, config: TrainConfig) -> None:
     game, known = GAMES[config.game.name], [f"against {bot}" for bot in rating.bots]
     if rating.bots:
         only_alone = "left out: against bots the score is the lowest share of the points"
-        require(rating.number == RatingSettings.number, "rating.number", rating.number, only_alone)
+        for name in ("number", "statistic"):
+            given, usual = getattr(rating, name), getattr(RatingSettings, name)
+            require(given == usual, f"rating.{name}", given, only_alone)
     elif not game.has_snapshots:
         return
     else:
         engine = BatchedEngine(game, make_scenario(config, rating), 1)
         known = ["return", "ended", *engine.info()]
         check_name("number of the game (rating.number)", rating.number, known)
+    marks = [f" ({100 * epsilon:g} % random)" for epsilon in rating.epsilons[1:]]
+    known += [f"{name}{mark}" for name in known for mark in marks]
     known += ["score", "mean", "updates", "generated_share", "overestimation"]
     for name in rating.show:
-        check_name("number of a look (rating.show)", name.partition(" (")[0], known)
+        check_name("number of a look (rating.show)", name, known)
 
 
 def require_best(config: TrainConfig, frames: int) -> None:

@@ -13,6 +13,7 @@ from marl_cair.cluster import LOCAL, RayPool, check_cluster
 from marl_cair.experiments import scheduler
 from marl_cair.experiments.cells import (
     CELLS,
+    DONE_FILE,
     RUN,
     Cell,
     Compose,
@@ -38,6 +39,7 @@ from marl_cair.memory import count_cores
 from marl_cair.outside import import_outside
 from marl_cair.stored import read_json
 from marl_cair.training.run_log import RunLog
+from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config_file import list_sources
 
 _SCALE_FILE = "scale.json"
@@ -102,10 +104,11 @@ def _run(
     if (config.out / RUN_MARKER).is_file():
         with claim():
             pass  # files of another version or plan are refused before they are read
+    keys = {draft.key for draft in _choose(plan, config.only)}
+    require(len(keys) > 0, "--only", list(config.only), "a task and choices that have a cell")
     scale = _find_scale(plan, config, workers)
     scaled = scale_plan(plan, scale) if scale < 1.0 else plan
     cells = make_cells(scaled, compose, scale, config.out)
-    keys = {draft.key for draft in _choose(plan, config.only)}
     chosen = [cell for cell in cells if cell.key in keys]
     code = [one for cell in chosen for one in (*list_sources(cell.config), cell.trainer)]
     require_allowed(filter(None, code), config.allow_code, f"the plan of {config.out}")
@@ -203,6 +206,9 @@ def _write(plan: Plan, cells: Sequence[Cell], out: Path, notes: str) -> str:
         return f"No cell is finished. {notes}\n"
     if len(runs) < len(cells):
         notes += f" {len(cells) - len(runs)} of {len(cells)} cells are not finished."
+    code = {path.read_text("utf-8") for path in (out / CELLS).glob(f"*/{DONE_FILE}")}
+    if len(code) > 1:
+        notes += f" Cells were run by {len(code)} versions of the code: see each {DONE_FILE}."
     entries = summarise(plan, runs)
     write_looks(plan, runs, out / LOOKS)
     text = write_tables(plan, entries, find_levels(plan, runs), notes, out)

@@ -29,7 +29,8 @@ _NAME = re.compile(r"[\w.+]+")
 # Of the results; a factor is a column too.
 _COLUMNS = (
     *("task", "unit", "runs", "seed", "look", "seconds", "frames", "steps", "score", "mean"),
-    *("updates", "generated_share", "normalised", "overestimation"),
+    *("updates", "generated_share", "normalised", "overestimation", "return", "ended"),
+    *("level", "untrained", "at the start"),
 )
 
 
@@ -131,7 +132,8 @@ class Plan:
         choices = [*self.others]
         for factor, own in self.factors.items():
             require(len(own) > 0, f"factors.{factor}", own, "one or more choices by name")
-            require(factor not in _COLUMNS, "factors", factor, "another name than a column's")
+            is_free = factor not in (*_COLUMNS, self.source)
+            require(is_free, "factors", factor, "another name than a column's")
             choices += own
         require_once("factors and others", choices)
         for name in (*self.tasks, *self.factors, *choices):
@@ -167,6 +169,7 @@ class Plan:
         """
         values = dataclasses.asdict(self)
         del values["seeds"], values["games_per_pair"], values["about"], values["source"]
+        values["order"] = list(self.factors)  # cells are named in it
         for task in values["tasks"].values():
             del task["levels"], task["scale"], task["published"]
             del task["rating"]["unit"], task["rating"]["show"]

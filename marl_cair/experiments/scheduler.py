@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
@@ -17,6 +19,8 @@ from tqdm import tqdm
 from marl_cair.experiments.cells import CELLS, DONE_FILE, Cell, list_shortages
 
 OUTPUT_FILE = "output.txt"  # of a cell: what its process printed to stderr
+_AFTER_SECONDS = 60.0
+_KILLED = -9  # exit code
 _AGENT_SHARE = 0.01  # of a trained cell, in the time left
 _BAR = "{percentage:3.0f} %|{bar}| {n:.1f} of {total:.1f} cells [{elapsed}<{remaining}{postfix}]"
 
@@ -120,6 +124,8 @@ class LocalProcesses:
             return ""
         lines = (folder / OUTPUT_FILE).read_text("utf-8", "replace").strip().splitlines()
         why = lines[-1] if lines else "it printed nothing"
+        if code == _KILLED:
+            why = "it was killed: memory may be short (--workers 1 runs one cell at a time)"
         return f"{why} (exit code {code}; all of it is in {folder / OUTPUT_FILE})"
 
     def stop(self) -> None:
@@ -136,13 +142,13 @@ def run_cells(
     cells: Sequence[Cell], out: Path, runner: Runner, after: Callable[[], object]
 ) -> dict[str, str]:
     """Run all cells that are not finished; returns why cells failed, by name. `after` is called
-    when one has ended.
+    when some have ended, once a minute at the most, and at the end.
 
     An interrupt lets all running cells save; then KeyboardInterrupt is raised.
     """
     todo = [cell for cell in cells if not is_finished(cell, out)]
     failed: dict[str, str] = {}
-    progress, futures = Progress(todo), {}
+    progress, futures, last = Progress(todo), {}, -math.inf
     try:
         for cell in todo:
             folder = out / CELLS / cell.name
@@ -155,8 +161,11 @@ def run_cells(
                 failed[name] = why
                 tqdm.write(f"{name} failed: {why}")
             progress.note(name, 1.0)
-            after()
+            if time.monotonic() > last + _AFTER_SECONDS:
+                after()
+                last = time.monotonic()
     finally:
         runner.stop()
         progress.close()
+        after()
     return failed

@@ -85,6 +85,7 @@ def summarise(plan: Plan, runs: Sequence[Run]) -> list[Entry]:
     is in all of them.
     """
     entries: list[Entry] = []
+    scaled: set[str] = set()
     of_all: dict[tuple[str, ...], list[Values]] = {}
     for task, about in plan.tasks.items():
         of_task = [run for run in runs if run.task == task]
@@ -92,12 +93,12 @@ def summarise(plan: Plan, runs: Sequence[Run]) -> list[Entry]:
             own = [run for run in of_task if run.kind == kind]
             columns = dict(_list_columns(plan, about, own, of_task))
             if NORMALISED in columns:
+                scaled.add(task)
                 of_all.setdefault(kind, []).append(columns[NORMALISED])
             values = {name: find_iqm([column]) for name, column in columns.items()}
             entries.append(Entry(task, kind, len(own), values))
-    num_tasks = max(map(len, of_all.values()), default=0)
     for kind, strata in of_all.items():
-        if len(strata) == num_tasks > 1:
+        if len(strata) == len(scaled) > 1:
             values = {NORMALISED: find_iqm(strata)}
             entries.append(Entry("all", kind, sum(map(len, strata)), values))
     return entries
@@ -126,12 +127,12 @@ def _list_columns(
             yield column, np.array([find_strength(run.rows, axis, end) for run in runs])
         strength = np.array([find_strength(run.rows, "seconds", end_of(run)) for run in runs])
     if scale := _find_scale(task, of_task):
-        yield NORMALISED, np.minimum((strength - scale[0]) / (scale[1] - scale[0]), 1.0)
+        yield NORMALISED, (strength - scale[0]) / (scale[1] - scale[0])
     for name in task.rating.show:
         yield name, np.array([row.get(name, np.nan) for row in last])
     excess = [_read_last(run, "overestimation") for run in runs]
-    if known := [np.mean(values) for values in excess if values]:
-        yield "overestimation", np.array(known)
+    if all(excess):
+        yield "overestimation", np.array([np.mean(values) for values in excess])
 
 
 def _read_last(run: Run, name: str) -> list[float]:

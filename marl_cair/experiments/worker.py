@@ -20,8 +20,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import torch
 from filelock import FileLock
 
+from marl_cair.cluster import digest_code
 from marl_cair.experiments.cells import DONE_FILE, RUN, Cell, load_cell, make_scenario, require_best
 from marl_cair.experiments.looks import Looks, Row, read_overestimation
 from marl_cair.experiments.plan import BEST
@@ -55,7 +57,7 @@ def run_cell(folder: Path, report: Report) -> bool:
                 return False
             if not looks.rows:
                 raise ValueError(f"{cell.trainer} has made no look: call its second argument")
-            write_atomically(finished, f"{cell.name}\n")
+            write_atomically(finished, f"marl_cair {digest_code()}, torch {torch.__version__}\n")
         shutil.rmtree(folder / RUN / RESUME_FOLDER, ignore_errors=True)  # gigabytes of all cells
     return True
 

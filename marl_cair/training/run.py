@@ -56,7 +56,7 @@ BEST_FOLDER = "best"
 RESUME_FOLDER, BEST_SCORE_FILE = "resume", "best_score.json"
 REPLAY_FOLDER, RESERVOIR_FOLDER = "replay", "reservoir"
 _SCORES = Range(-math.inf, math.inf, float)  # -inf before the first
-_NUM_SEEDS = 17
+_NUM_SEEDS = 18
 
 
 class TrainingRun:
@@ -114,9 +114,9 @@ class TrainingRun:
         config_file.save_config(self.config)
         self.frames, self.processor_seconds = 0, 0.0  # of collecting and learning, in all sittings
         self.saved_frames: int | None = None  # of the last saved state
-        # Of all evaluations; of the last one that was repeated because it reached `stop_score`.
-        self.best_score = self.confirmed_score = -math.inf
+        self.best_score = self.confirmed_score = -math.inf  # the second: of a repeated evaluation
         self.gate_is_open, self.generator_is_on, self.generator_failures = False, True, 0
+        torch.manual_seed(self._seeds[17])  # code from outside may draw from it
         files.recover_folder(self.folder / RESUME_FOLDER)
         # Checked again: another process may have saved its first state here since.
         if resume and (self.folder / RESUME_FOLDER).is_dir():

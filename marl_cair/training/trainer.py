@@ -86,6 +86,7 @@ def train(
     """
     with (
         torch_threads(config.torch_threads),
+        torch.random.fork_rng(devices=[]),
         closing(TrainingRun(config, resume, seat, load)) as run,
     ):
         run.log.prints = show_progress
@@ -140,8 +141,9 @@ def _train(
                 if resume_with:
                     error.add_note(_save_after(error, run, before, resume_with))
                 raise
-        # Else the frames since the last row would be missing from the log.
-        if run.frames > run.log.frames:
+        # Else the frames since the last row would be missing; after an interrupt a resumed run
+        # goes on with what is measured.
+        if run.frames > run.log.frames and not interrupted.is_set():
             last_row = _write_row(run, {}, timers)
         run.save_agent()
         run.save_state()

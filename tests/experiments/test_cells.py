@@ -69,6 +69,10 @@ def test_a_cell_that_was_begun_keeps_its_settings_alone(tmp_path):
         ({"words": [*WORDS, "+hydra.searchpath=[pkg://a]"]}, "a word is '.hydra.* an option of"),
         ({"words": [*WORDS, "policy.head=quantile"]}, "maze-dqn cannot be run: policy.head is"),
         ({"tasks": change_task(rating={"bots": ["random"]})}, "left out: the game is played alone"),
+        (
+            {"tasks": change_task(rating={"show": ["ended (5 % random)"]})},
+            r"unknown number of a look \(rating.show\) 'ended \(5 % random\)'",
+        ),
         ({"tasks": change_task(agents=["orakle"], scale=[])}, "nearest are 'oracle'"),
         (
             {"tasks": change_task(words=["game=deep_line_wars", "scenario=11x11"], agents=[])}

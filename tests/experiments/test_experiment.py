@@ -176,6 +176,15 @@ def test_a_plan_is_run_in_a_process_and_shown_again(finished):
     assert run(plan, out).text == result.text
 
 
+def test_tables_say_where_cells_are_of_other_code(finished, tmp_path):
+    out, plan, result = finished
+    assert "versions of the code" not in result.text
+    out = Path(shutil.copytree(out, tmp_path / "out"))
+    plan = dataclasses.replace(plan, seeds=(0, 1))
+    (out / "cells" / "maze-oracle-0" / DONE_FILE).write_text("marl_cair 0123abcd\n", "utf-8")
+    assert "Cells were run by 2 versions of the code" in run(plan, out).text
+
+
 def test_the_folder_of_another_plan_version_or_budget_is_refused(finished, tmp_path, monkeypatch):
     out, plan, _ = finished
     with pytest.raises(OutputFolderError, match="plan.budget.frames is .* there, 700 here"):
@@ -223,6 +232,10 @@ def test_cells_of_two_threads_follow_one_another_on_two_cores(tmp_path):
 def test_unknown_choices_and_trainers_are_refused_before_work(tmp_path):
     with pytest.raises(ValueError, match="unknown task or choice 'dqm': nearest are 'dqn'"):
         run(make_plan(), tmp_path / "a", only=("dqm",))
+    task = TINY["tasks"]["maze"]
+    plan = make_plan(tasks={"maze": task, "other": {**task, "when": {"pqn": None}}})
+    with pytest.raises(ValueError, match=r"--only is \['other', 'pqn'\], it must be a task and"):
+        run(plan, tmp_path / "a", only=("other", "pqn"))
     with pytest.raises(ValueError, match="no_such_module:train cannot be imported"):
         run(make_plan(others={"mine": "no_such_module:train"}), tmp_path / "a", allow_code=True)
     assert not (tmp_path / "a").exists()

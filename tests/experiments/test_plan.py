@@ -18,6 +18,8 @@ from tests.experiments.plans import change_task, make_plan
         ({"factors": {"learner": {}}}, "factors.learner is .* one or more choices"),
         ({"factors": {"a": {"x": []}, "b": {"x": []}}}, "factors and others has 'x' twice"),
         ({"factors": {"updates": {"x": []}}}, "factors is 'updates', it must be another name than"),
+        ({"factors": {"ended": {"x": []}}}, "factors is 'ended', it must be another name than"),
+        ({"factors": {"published": {"x": []}}}, "factors is 'published', it must be another name"),
         ({"factors": {"a b": {"x": []}}}, "a name is 'a b', it must be a text of letters"),
         ({"others": {"mine": "function"}}, "others.mine is 'function', it must be module:function"),
         ({"seeds": []}, "seeds is .* one or more"),
@@ -56,6 +58,12 @@ def test_the_error_of_a_file_names_it(tmp_path):
 def test_seeds_may_be_added_to_a_plan_and_nothing_else():
     assert make_plan().fixed == make_plan(seeds=[0, 1, 2]).fixed
     assert make_plan().fixed != make_plan(budget={"frames": 513}).fixed
+
+
+def test_cells_are_named_in_the_order_of_factors_so_it_may_not_change():
+    factors = {"a": {"x": []}, "b": {"y": []}}
+    swapped = dict(reversed(factors.items()))
+    assert make_plan(factors=factors).fixed != make_plan(factors=swapped).fixed
 
 
 def test_a_length_is_over_at_the_limit_that_comes_first():

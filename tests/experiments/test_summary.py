@@ -68,6 +68,32 @@ def test_a_level_counts_when_two_looks_in_a_row_reach_it():
     assert [one.first for one in find_levels(plan, [untrained])] == [None, None]
 
 
+def test_only_kinds_that_are_in_all_tasks_are_compared_over_all():
+    tasks = {name: {"scale": [0.0, 1.0]} for name in ("a", "b", "c")}
+    plan = make_plan(looks={}, tasks=tasks)
+    cells = {"everywhere": "abc", "first": "ab", "last": "bc"}
+    runs = [
+        Run(task, (kind,), 0, [{"frames": 8.0, "seconds": 1.0} | scores(0.5)])
+        for kind, own in cells.items()
+        for task in own
+    ]
+    found = [entry for entry in summarise(plan, runs) if entry.task == "all"]
+    assert [(entry.kind, entry.num_runs) for entry in found] == [(("everywhere",), 3)]
+
+
+def test_a_score_beyond_the_end_of_the_scale_counts_as_more_than_1():
+    plan = make_plan(looks={}, tasks=change_task(scale=[0.0, 0.5]))
+    run = Run("maze", ("dqn",), 0, [{"frames": 8.0, "seconds": 1.0} | scores(0.6)])
+    assert summarise(plan, [run])[0].values["normalised"].value == pytest.approx(1.2)
+
+
+def test_overestimation_is_left_out_where_a_run_has_none():
+    runs = [make_run("dqn", seed, 100, [0.0, 0.0]) for seed in (0, 1)]
+    runs[0].rows[-1]["overestimation"] = 3.0
+    (entry,) = summarise(make_plan(tasks=change_task(scale=[])), runs)
+    assert "overestimation" not in entry.values
+
+
 def test_overestimation_is_that_of_the_last_third():
     run = make_run("dqn", 0, 100, [0.0, 0.0, 0.0, 0.0])
     for row, excess in zip(run.rows[1:], (9.0, 1.0, 3.0), strict=True):

@@ -138,7 +138,8 @@ def test_the_gate_holds_the_rows_that_the_data_set_holds_out(folder, tmp_path, s
 def test_while_its_gate_is_shut_nothing_is_learned_from_real_rows_instead(folder, tmp_path, capsys):
     result = train(offline(tmp_path / "run", folder, 1.0), show_progress=True)
     assert result.updates == 0
-    assert "shut, nothing is learned: changed-cell F1 0.000 is below" in "".join(capsys.readouterr())
+    shown = "".join(capsys.readouterr())
+    assert "shut, nothing is learned: changed-cell F1 0.000 is below" in shown
 
 
 @pytest.mark.slow

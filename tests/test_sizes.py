@@ -14,14 +14,14 @@ MAX_LINES = {
     "generative": 3_505,
     "self_play": 1_035,
     "league": 8_055,
-    "training": 8_000,
+    "training": 8_021,
     "experiments": 1_830,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_431,
+    "cli": 4_434,
     "": 2_003,  # the modules that every part may import
 }
 

@@ -52,6 +52,7 @@ _OTHER_RATES = ("nfsp", "generator")  # these have a learning rate of their own
 GROUPS = ("game", "policy", "opponent", "generator", "recipe")
 CONF_MODULE = "marl_cair.conf"
 CONF = files("marl_cair") / "conf"
+_OF_SAMPLER = ("sampler", "priority_alpha", "priority_beta")  # of `replay`
 _IN_GROUPS = ("opponent.mixture",)  # the group `opponent` sets it
 _WHOLE_NUMBERS = re.compile(r"\d+(\.\d+)?e\+?\d+", re.IGNORECASE)
 
@@ -122,20 +123,22 @@ def run_hydra(arguments: Sequence[str]) -> list[Job]:
         for values, words in composed
     ]
     if not any(job.config.learner.learns_from_replay for job in jobs):
-        _refuse_of_replay(words, jobs[0].config.learner.algorithm)
+        _refuse_of_replay(words, jobs[0].config)
     return jobs
 
 
-def _refuse_of_replay(words: Sequence[str], algorithm: str) -> None:
+def _refuse_of_replay(words: Sequence[str], config: TrainConfig) -> None:
     """Raise ValueError for options of replay, given by hand, which the algorithm does not read.
 
     Those of recipes are left: "recipe=dqn" and "recipe=pqn" join those of a game.
     """
-    of_replay = {f"learner.{name}" for name in OF_REPLAY}
-    for name in filter(of_replay.__contains__, map(full_name, words)):
+    unread = {f"learner.{name}" for name in OF_REPLAY}
+    settings = [item.name for item in dataclasses.fields(config.replay)]
+    unread |= {f"replay.{name}" for name in (_OF_SAMPLER if config.has_generator else settings)}
+    for name in filter(unread.__contains__, map(full_name, words)):
         raise ValueError(
-            f"{name} has no effect with learner.algorithm={algorithm}, which learns from the "
-            "newest steps: leave it out"
+            f"{name} has no effect with learner.algorithm={config.learner.algorithm}, which learns "
+            "from the newest steps: leave it out"
         )
 
 

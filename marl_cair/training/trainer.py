@@ -103,9 +103,7 @@ def _train(
     resume_with: str,
 ) -> TrainResult:
     config = run.config
-    if run.spec.num_teams == 1:
-        text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
-        run.log.note(run.frames, "opponents", text)
+    _note_what_is_unused(run)
     timers, whole, is_last = Timers(), config.total_frames, False
     goal = whole if until_frames is None else min(whole, until_frames)
     deadline = time.monotonic() + 60 * (config.max_minutes or math.inf)
@@ -141,8 +139,7 @@ def _train(
                 if resume_with:
                     error.add_note(_save_after(error, run, before, resume_with))
                 raise
-        # Else the frames since the last row would be missing; after an interrupt a resumed run
-        # goes on with what is measured.
+        # Else the frames since the last row would be missing; what is measured is in the state too.
         if run.frames > run.log.frames and not interrupted.is_set():
             last_row = _write_row(run, {}, timers)
         run.save_agent()
@@ -152,6 +149,17 @@ def _train(
         run.book.publish(run.rated_network, run.describe_agent())
     ends = interrupted.is_set(), last_row, is_over, _has_reached_score(run), run.processor_seconds
     return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
+
+
+def _note_what_is_unused(run: TrainingRun) -> None:
+    config = run.config
+    if run.spec.num_teams == 1:
+        text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
+        run.log.note(run.frames, "opponents", text)
+    whole, least = config.total_frames, config.replay.min_transitions
+    if least > whole and config.learner.learns_from_replay and not run.is_offline:
+        text = f"nothing is learned in total_frames={whole:,}: replay.min_transitions is {least:,}"
+        run.log.note(run.frames, "learning", text)
 
 
 def _save_after(error: Exception, run: TrainingRun, before: int, command: str) -> str:

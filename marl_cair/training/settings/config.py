@@ -36,6 +36,7 @@ from marl_cair.training.settings.checks import (
     require,
 )
 from marl_cair.training.settings.demonstration import DemonstrationSettings
+from marl_cair.training.settings.evaluation import CheckpointSettings, EvaluationSettings
 from marl_cair.training.settings.exploration import (
     EPSILON_GREEDY,
     EXPLORATIONS,
@@ -105,8 +106,7 @@ class OpponentSettings:
     newest policy; it learns from those seats too), `bots` (all, evenly), `pfsp_bots` (all, those
     with a low win rate against them more often), `curriculum` (all, each at the lowest of
     seven strengths at which it is not beaten), and of the pool, which is snapshots and `agents`,
-    `uniform`, `delta_uniform`, `recent`, `pfsp`, `pfsp_variance`, `pfsp_easy` and `nash`. Values
-    are weights. An agent is a checkpoint's or a mixture's folder, or package.module:function.
+    `uniform`, `delta_uniform`, `recent`, `pfsp`, `pfsp_variance`, `pfsp_easy` and `nash`.
     """
 
     mixture: dict[str, float] = field(default_factory=SELF_PLAY.copy)  # weights by opponent's name
@@ -188,46 +188,6 @@ class GeneratorSettings:
 
 
 @dataclass(frozen=True)
-class EvaluationSettings:
-    """Greedy games with the rated reward, while training: against bots, or alone in scenarios of
-    one team.
-    """
-
-    every_frames: Count = 100_000  # frames between two evaluations
-    games: Count = 64  # games against each bot, rounded up to as many in each seat (or team)
-    bots: tuple[str, ...] = ("random",)  # opponents; with one team, policies to compare with
-    options: dict[str, Any] = field(default_factory=dict)  # changes to the scenario, {map: ...}
-    scenarios: dict[str, dict[str, Any]] = field(default_factory=dict)  # held-out ones, {name: ...}
-    record: bool = True  # keep replays of the last evaluation's first map in <out>/games
-
-    def __post_init__(self) -> None:
-        check_fields(self, "evaluation.")
-        for name in self.scenarios:
-            plain = re.fullmatch(r"[\w-]+", name) is not None
-            require(plain, "evaluation.scenarios", name, "names of letters, digits, _ and -")
-        for place, options in self.changes().items():
-            require("reward" not in options, place, options, "without reward: the game's own rates")
-
-    def changes(self) -> dict[str, dict[str, Any]]:
-        """Changed fields of the training scenario, by option: first the scenario that selects the
-        best agent, then those that are held out.
-        """
-        heldout = {f"evaluation.scenarios.{name}": self.scenarios[name] for name in self.scenarios}
-        return {"evaluation.options": self.options} | heldout
-
-
-@dataclass(frozen=True)
-class CheckpointSettings:
-    """Files of a run. `<out>/latest` is the agent at the last evaluation or state."""
-
-    every_frames: Count = 200_000  # frames between two resumable states
-    include_replay: bool = True  # else a resumed run begins with an empty replay
-
-    def __post_init__(self) -> None:
-        check_fields(self, "checkpoint.")
-
-
-@dataclass(frozen=True)
 class TrainConfig:
     """A whole run."""
 
@@ -257,8 +217,11 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        is_judged = self.stop_score is None or self.evaluation.bots or self.game.spec.num_teams == 1
-        require(bool(is_judged), "evaluation.bots", (), "one or more with stop_score")
+        if (goal := self.stop_score) is not None and self.game.spec.num_teams > 1:
+            require(
+                self.evaluation.bots != (), "evaluation.bots", (), "one or more with stop_score"
+            )
+            require(goal <= 1, "stop_score", goal, "1 or less: a share of the points")
         self._check_scenarios()
         self._check_network()
         self._check_generated()
@@ -295,8 +258,7 @@ class TrainConfig:
         require(settings.name != NO_GENERATOR, "generator.name", settings.name, "a generator")
         steps = self.learner.n_steps
         whole = settings.branch_steps > 0 or settings.rollout_steps >= steps
-        allowed = f"learner.n_steps ({steps}) or more, or generator.branch_steps above 0: with "
-        allowed += f"synthetic_fraction above {MAX_FRACTION} no step of a row may be real"
+        allowed = f"learner.n_steps ({steps}) or more, or branch_steps above 0: no step may be real"
         require(whole, "generator.rollout_steps", settings.rollout_steps, allowed)
 
     @property

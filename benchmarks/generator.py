@@ -30,11 +30,11 @@ from marl_cair.generative.settings import GateConfig, GeneratorConfig
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.settings.config import (
-    EvaluationSettings,
     GameSettings,
     GeneratorSettings,
     TrainConfig,
 )
+from marl_cair.training.settings.evaluation import EvaluationSettings
 from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.trainer import iterate
 

@@ -35,12 +35,11 @@ from marl_cair.training import run as training_run
 from marl_cair.training import trainer
 from marl_cair.training.collecting.metrics import Timers
 from marl_cair.training.settings.config import (
-    CheckpointSettings,
     CollectorSettings,
-    EvaluationSettings,
     OpponentSettings,
     TrainConfig,
 )
+from marl_cair.training.settings.evaluation import CheckpointSettings, EvaluationSettings
 from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.settings.replay import ReplaySettings
 

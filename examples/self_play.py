@@ -6,12 +6,12 @@ from marl_cair import GAMES, load_agent
 from marl_cair.league.play.match import play_match
 from marl_cair.policies.config import QNetworkConfig
 from marl_cair.training.settings.config import (
-    EvaluationSettings,
     GameSettings,
     GeneratorSettings,
     OpponentSettings,
     TrainConfig,
 )
+from marl_cair.training.settings.evaluation import EvaluationSettings
 from marl_cair.training.trainer import train
 
 

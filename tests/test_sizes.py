@@ -15,7 +15,7 @@ MAX_LINES = {
     "self_play": 1_035,
     "league": 8_055,
     "training": 8_021,
-    "experiments": 1_830,
+    "experiments": 1_862,
     "viewer": 725,
     "window": 2_680,
     "browser": 950,

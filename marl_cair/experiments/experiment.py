@@ -24,12 +24,12 @@ from marl_cair.experiments.cells import (
 )
 from marl_cair.experiments.figures import draw_panels, draw_results, name_task
 from marl_cair.experiments.looks import LOOKS_FILE, read_looks
-from marl_cair.experiments.plan import Plan, scale_plan
+from marl_cair.experiments.plan import Plan, find_begun, scale_plan
 from marl_cair.experiments.remote import RayTasks
 from marl_cair.experiments.scheduler import LocalProcesses, Runner
 from marl_cair.experiments.summary import Run, find_levels, summarise
 from marl_cair.experiments.tables import LOOKS, write_looks, write_tables
-from marl_cair.files import RUN_MARKER, claim_output_folder, write_json
+from marl_cair.files import RUN_MARKER, claim_output_folder, read_run_marker, write_json
 from marl_cair.games import GAMES
 from marl_cair.league.agents.allowed_code import AllowCode, require_allowed
 from marl_cair.league.agents.load import find_distinct, load_agent
@@ -42,6 +42,7 @@ from marl_cair.training.run_log import RunLog
 from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config_file import list_sources
 
+KIND = "experiment"  # of an output folder
 _SCALE_FILE = "scale.json"
 _LOOKS_SHARE = 0.2  # of the time of an experiment, a guess
 _START_SECONDS = 5.0  # of a cell's process
@@ -100,8 +101,12 @@ def _run(
     plan: Plan, config: ExperimentConfig, compose: Compose, runner: Runner, workers: int
 ) -> ExperimentResult:
     settings = {"version": __version__, "budget": config.budget, "plan": plan.fixed}
-    claim = partial(claim_output_folder, config.out, "experiment", settings, resume=True)
-    if (config.out / RUN_MARKER).is_file():
+    marker, begun = config.out / RUN_MARKER, settings
+    if marker.is_file():
+        held = read_run_marker(marker)[1].get("plan", {})
+        begun = settings | {"plan": find_begun(plan.fixed, held)}
+    claim = partial(claim_output_folder, config.out, KIND, begun, resume=True)
+    if marker.is_file():
         with claim():
             pass  # files of another version or plan are refused before they are read
     keys = {draft.key for draft in _choose(plan, config.only)}
@@ -118,6 +123,7 @@ def _run(
     waiting = [cell for cell in chosen if not scheduler.is_finished(cell, config.out)]
     skipped = runner.find_shortages(waiting)
     with claim():
+        write_json(marker, {"kind": KIND, "settings": settings})
         write_json(config.out / _SCALE_FILE, {"factor": scale})
         todo = [cell for cell in chosen if cell.name not in skipped]
 

@@ -164,8 +164,9 @@ class Plan:
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """The settings that a results folder belongs to: what cells do. Seeds may be added. The
-        league at the end may change, and what only tables and figures show.
+        """The settings that a results folder belongs to: what cells do. Seeds may be added, and
+        what `find_begun` leaves out. The league at the end may change, and what only tables and
+        figures show.
         """
         values = dataclasses.asdict(self)
         del values["seeds"], values["games_per_pair"], values["about"], values["source"]
@@ -174,6 +175,31 @@ class Plan:
             del task["levels"], task["scale"], task["published"]
             del task["rating"]["unit"], task["rating"]["show"]
         return values
+
+
+def find_begun(fixed: dict[str, Any], held: Mapping[str, Any]) -> dict[str, Any]:
+    """Of `Plan.fixed`, what a folder of the plan `held` has: tasks, choices, other trainers and
+    agents may be added to it.
+    """
+    before = {"tasks": {}, "factors": {}, "others": {}, **held}
+    known = {*before["others"], *(name for own in before["factors"].values() for name in own)}
+
+    def keep(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+        return {name: value for name, value in values.items() if name in names}
+
+    begun = {**fixed, "others": keep(fixed["others"], known)}
+    begun["factors"] = {name: keep(own, known) for name, own in fixed["factors"].items()}
+    begun["tasks"] = {
+        name: {
+            **task,
+            "when": keep(task["when"], known),
+            "agents": [
+                one for one in task["agents"] if one in before["tasks"][name].get("agents", ())
+            ],
+        }
+        for name, task in keep(fixed["tasks"], before["tasks"]).items()
+    }
+    return begun
 
 
 def read_plan(path: str | Path) -> Plan:

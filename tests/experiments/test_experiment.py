@@ -176,6 +176,26 @@ def test_a_plan_is_run_in_a_process_and_shown_again(finished):
     assert run(plan, out).text == result.text
 
 
+def test_a_plan_may_grow_in_its_folder(finished, tmp_path):
+    out, plan, _ = finished
+    out = Path(shutil.copytree(out, tmp_path / "out"))
+    looks_of_first = out / "cells" / "maze-oracle-0" / LOOKS_FILE
+    before = looks_of_first.stat().st_mtime_ns
+    without = {"dqn": None, "pqn": None, "new": None}
+    task = TINY["tasks"]["maze"] | {"agents": ["oracle", "random"], "when": without}
+    changes = {"factors": {"learner": {**TINY["factors"]["learner"], "new": []}}, "seeds": [0]}
+    grown = make_plan(tasks={"maze": task, "again": task | {"agents": ["oracle"]}}, **changes)
+    result = run(grown, out)
+    assert (result.failed, looks_of_first.stat().st_mtime_ns) == ({}, before)
+    names = {path.name for path in (out / "cells").iterdir()}
+    assert names == {"maze-oracle-0", "maze-random-0", "again-oracle-0"}
+    with pytest.raises(OutputFolderError, match="plan.tasks.again is .* there, None here"):
+        run(plan, out)
+    other = make_plan(tasks={"maze": task | {"words": ["max_ticks=9"]}, "again": task}, **changes)
+    with pytest.raises(OutputFolderError, match=r"plan.tasks.maze.words is \[\] there"):
+        run(other, out)
+
+
 def test_tables_say_where_cells_are_of_other_code(finished, tmp_path):
     out, plan, result = finished
     assert "versions of the code" not in result.text

@@ -213,11 +213,12 @@ def iterate(run: TrainingRun, timers: Timers) -> Iterator[None]:
 def _iterate_offline(run: TrainingRun, timers: Timers) -> Iterator[None]:
     """Learn and generate once per `next`, as `iterate` does; nothing is played."""
     settings = run.config.collector
+    start = time.process_time()
+    with timers.measure("generate"):
+        begin_offline(run)
+    run.processor_seconds += time.process_time() - start
     while True:
         before, start = run.frames, time.process_time()
-        if before == 0:
-            with timers.measure("generate"):
-                begin_offline(run)
         run.frames += settings.num_worlds * settings.steps_per_batch
         with timers.measure("learn"):
             _learn_from_replay(run, before)

@@ -15,6 +15,7 @@ from marl_cair.training.collecting.filling import _check_game
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
 from marl_cair.training.settings.config import GameSettings, GeneratorSettings
+from marl_cair.training.settings.evaluation import CheckpointSettings
 from marl_cair.training.settings.learner import LearnerSettings
 from marl_cair.training.settings.offline import OfflineSettings
 from marl_cair.training.trainer import Timers, iterate
@@ -146,6 +147,20 @@ def test_while_its_gate_is_shut_nothing_is_learned_from_real_rows_instead(folder
 def test_an_offline_run_resumes_bit_for_bit(folder, tmp_path, monkeypatch):
     open_gate(monkeypatch)
     train_whole_and_in_parts(tmp_path, lambda out: offline(out, folder, 0.5), until=256)
+
+
+def test_an_offline_run_without_saved_replay_generates_again(folder, tmp_path, monkeypatch):
+    open_gate(monkeypatch)
+    kept = CheckpointSettings(include_replay=False)
+    config = offline(tmp_path / "run", folder, 1.0, checkpoint=kept)
+    train(config, until_frames=256)
+    run = TrainingRun(config, resume=True)
+    before = len(run.replay.generated), run.generator.num_updates
+    next(iterate(run, Timers()))
+    assert before == (0, 3)
+    assert len(run.replay.generated) >= 300
+    assert run.replay.sample()["is_generated"].all()
+    run.close()
 
 
 @pytest.mark.parametrize(

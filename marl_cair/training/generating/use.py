@@ -80,21 +80,24 @@ def use_generator(run: TrainingRun, before: int) -> None:
 
 def begin_offline(run: TrainingRun) -> None:
     """Train the generator on the data set that fills replay, evaluate it, and generate as many
-    transitions as are kept, before the learner's first update.
+    transitions as are kept, before the learner's first update. A run that was saved without its
+    replay generates them again.
     """
     generator, settings = run.generator, run.config.generator
     if generator is None:
         return
-    _begin_again(run)
-    if run.generator_is_on:
+    is_new = run.frames == 0
+    if is_new:
+        _begin_again(run)
+    if is_new and run.generator_is_on:
         with _attempt(run, "its update"):
             for _ in range(run.config.offline.generator_updates):
                 _learn(run, generator)
-    if run.generator_is_on:
+    if is_new and run.generator_is_on:
         with _attempt(run, "its evaluation"):
             _evaluate(run, generator)
     run.replay.generated_open = run.may_use_generated
-    if run.may_use_generated:
+    if run.may_use_generated and (is_new or not run.config.checkpoint.include_replay):
         with _attempt(run, "generating"):
             for _ in range(math.ceil(run.replay.generated.capacity / settings.rows_per_refill)):
                 _refill(run, generator, settings.rows_per_refill)

@@ -27,7 +27,7 @@ def plan_extension(
     load: Load = load_agent,
     allow_code: AllowCode = False,
 ) -> LeagueConfig:
-    """The configuration for `run_league` in which `agents` meet all agents of the league in
+    """The configuration for `run_league` in which `agents` meet all other agents of the league in
     `folder`.
 
     games_per_pair: default: the median over the pairs of the league. allow_code: code in the league
@@ -42,20 +42,25 @@ def plan_extension(
     with closing(LeagueStore(folder / STORE_FILE)) as store:
         settings, stored, records = store.settings, store.read_games(), store.read_agents()
     played = sorted(set(stored.agents.ravel().tolist()))
+    rules = Rules.read(settings)
+    game, scenario = rules.game, rules.scenario
+    # An agent that has begun already plays on.
+    added = [load(source, game=game.name, scenario=scenario) for source in agents]
+    fingerprints = {find_fingerprint(agent, game) for agent in added}
+    played = [number for number in played if records[number].fingerprint not in fingerprints]
     if not played:
         raise LeagueStoreError(
             f"{folder} holds no games yet: play them first (`marl-cair league AGENT AGENT ... "
             f"--out {folder}`)"
         )
-    rules = Rules.read(settings)
-    game, scenario = rules.game, rules.scenario
     ladder = [find_source(folder, records[number]) for number in played]
     require_allowed(ladder, allow_code, folder / STORE_FILE)
     for number, source in zip(played, ladder, strict=True):
         load_played(folder, rules, records[number], source, load)
     if games_per_pair is None:
         size = stored.agents.shape[1]
-        met = count_meetings(len(played), np.sort(np.searchsorted(played, stored.agents), axis=1))
+        both = stored.agents[np.isin(stored.agents, played).all(axis=1)]
+        met = count_meetings(len(played), np.sort(np.searchsorted(played, both), axis=1))
         counts = met[np.triu_indices(len(played), 1)]
         median = int(np.median(counts[counts > 0])) if counts.any() else 0
         games_per_pair = max(size, median // size * size)

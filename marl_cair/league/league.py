@@ -33,7 +33,7 @@ from marl_cair.league.report import report
 from marl_cair.league.report.background import COMMANDS, VERSIONS, list_versions
 from marl_cair.league.report.report import LeagueResult
 from marl_cair.league.store.store import STORE_FILE, LeagueStore, StoredGames
-from marl_cair.lookup import find_by_name
+from marl_cair.lookup import check_name, find_by_name
 from marl_cair.text import clean_text
 
 
@@ -150,6 +150,8 @@ def _open_league(config: LeagueConfig, load: Load, show_progress: bool) -> Itera
     teams = game.make_spec(rules.scenario).team_of_seat.tolist()
     more = {**settings, "seating": rules.seating, "team_of_seat": teams}
     folder = Path(config.out)
+    if config.zero:
+        check_name("agent (--zero)", config.zero, sorted(entrant.name for entrant in entrants))
     with (
         claim_output_folder(folder, "league", settings, resume=True),
         closing(LeagueStore(folder / STORE_FILE, more)) as store,
@@ -252,13 +254,13 @@ class _League:
     def _play_adaptively(self, arena: Arena, bar: tqdm[Any], ladder: frozenset[int]) -> list[Job]:
         config, rules, clock = self.config, self.rules, self.clock
         clock.start()
-        done = 0
+        done, of_ladder = 0, [self.ids[number] for number in ladder]
 
         def play(jobs: Sequence[Job]) -> tuple[Games, NDArray[np.int64]]:
             nonlocal done
             arena.play(jobs[done:], bar, clock.is_time_up)
             done = len(jobs)
-            stored = self._choose_games(jobs, self.store.read_games())
+            stored = self._choose_games(jobs, self.store.read_games(), always=of_ladder)
             return report.number_agents(stored, self.ids), stored.numbers
 
         def measure(games: Games) -> NDArray[np.float64]:
@@ -290,9 +292,15 @@ class _League:
         return self._choose_games(jobs, stored, end)
 
     def _choose_games(
-        self, jobs: Sequence[Job], games: StoredGames, end: int | None = None
+        self,
+        jobs: Sequence[Job],
+        games: StoredGames,
+        end: int | None = None,
+        always: Sequence[int] = (),
     ) -> StoredGames:
-        """The games of the jobs; of each line-up those before block `end` (chunks are whole)."""
+        """The games of the jobs, of each line-up those before block `end` (chunks are whole); and
+        those among the agents `always`.
+        """
         ends: dict[tuple[int, ...], int] = {}
         for line_up, chunk in jobs:
             key = tuple(sorted(self.ids[number] for number in line_up))
@@ -300,4 +308,4 @@ class _League:
             ends[key] = max(ends.get(key, 0), last if end is None else min(end, last))
         keys = map(tuple, np.sort(games.agents, axis=1).tolist())
         limits = np.array([ends.get(key, 0) for key in keys], np.int64)
-        return games.select(games.numbers < limits)
+        return games.select((games.numbers < limits) | np.isin(games.agents, always).all(axis=1))

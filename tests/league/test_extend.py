@@ -76,9 +76,19 @@ def test_a_new_agent_meets_all_others(league, capsys):
     assert "economist" in capsys.readouterr().out
 
 
-def test_an_agent_of_the_league_is_refused(league, capsys):
-    assert main(["league", "add", "turtle", "--out", str(league)]) == 2
-    assert "turtle is given twice" in capsys.readouterr().err
+@pytest.mark.slow
+def test_an_agent_that_has_begun_plays_on(tmp_path):
+    """`league add` was interrupted, or is to have more games."""
+    words = ["random", "turtle", "--scenario", "11x11", "--games", "4", "--set", "max_ticks=40"]
+    assert main(["league", *words, "--out", str(tmp_path)]) == 0
+    added = ["league", "add", "rusher", "--out", str(tmp_path), "--games"]
+    assert main([*added, "8"]) == 0
+    before = count_games(tmp_path)
+    assert main([*added, "8"]) == 0
+    assert count_games(tmp_path) == before
+    assert main([*added, "16"]) == 0
+    assert count_games(tmp_path) == before + 2 * 8
+    assert list_names(tmp_path) == ["random", "rusher", "turtle"]
 
 
 @pytest.mark.slow

@@ -223,6 +223,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
         ({"max_seconds": float("nan")}, r"max_seconds \(--time\) is nan, it must be a finite"),
         ({"agents": ("random",), "ladder": ("random",)}, "random is given twice"),
         ({"agents": (), "ladder": ("random", "turtle")}, "all agents are on the ladder"),
+        ({"zero": "randm"}, r"unknown agent \(--zero\) 'randm': nearest are 'random'"),
         ({"seating": "square"}, "seating is 'square', it must be one of ring, all"),
     ],
 )

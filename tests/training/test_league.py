@@ -253,6 +253,26 @@ def test_slices_need_only_their_folders(tmp_path):
     assert seen[0][1:] == ("shared", {"frames": 256, "total_frames": 256, "max_minutes": None})
 
 
+def test_more_frames_take_up_a_turn_that_the_end_had_cut(tmp_path):
+    goals = []
+
+    def play(member, shared, budget, show_progress):
+        goals.append((member.name, budget.frames))
+        return DONE
+
+    def train_to(frames):
+        goals.clear()
+        settings = make_league(tmp_path / "league", total_frames=frames, slice_frames=100)
+        assert train_league(settings, show_progress=False, play_slice=play).is_done
+        return [goal for name, goal in goals if name == "main_0"]
+
+    assert train_to(240) == [100, 200, 240]
+    assert train_to(240) == []
+    assert train_to(280) == [280]
+    assert train_to(400) == [300, 400]
+    assert train_to(500) == [500]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["ffa-3", "teams"])
 def test_leagues_of_many_seats_and_of_average_policies_train_too(tmp_path, scenario):

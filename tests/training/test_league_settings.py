@@ -25,6 +25,16 @@ def exploiter_game(**changes):
         ({"final_games": 3}, "final_games is 3, it must be even"),
         ({"final_bots": ["counter"]}, "unknown last_standing bot 'counter'"),
         ({"final_bots": ["idle", "idle"]}, "final_bots has 'idle' twice"),
+        (
+            {
+                "final_games": 2,
+                "final_bots": [],
+                "main": {"learners": 1},
+                "main_exploiter": {"learners": 0},
+                "league_exploiter": {"learners": 0},
+            },
+            r"final_bots is \[\], it must be one or more with one learner, or final_games=0",
+        ),
         ({"training": {**TRAINING, "seed": 1}}, "training.seed is given: the league has its own"),
         (
             {"training": {**TRAINING, "opponent": {"mixture": {}}}},

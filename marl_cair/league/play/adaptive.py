@@ -22,6 +22,8 @@ from marl_cair.league.ratings.rate import Rating
 # workers play: 8, or a share of the jobs so far. The number of workers has no influence.
 JOBS_PER_ROUND, SHARE_PER_ROUND = 8, 0.125
 ENOUGH_REPEATS = 24  # of a line-up, that no more of its games are played
+LEAST_WIDTH = 1e-9  # in Elo
+ENOUGH_SWEPT = 48  # games of a pair, for an agent without an interval: it may yet win, or lose, one
 
 # Plays jobs; returns the games so far, agents by number, and int64 [N] the number of each game's
 # block within its line-up.
@@ -73,7 +75,10 @@ def describe_ending(half_width_elo: float, ratings: Sequence[Rating], is_time_up
     if limited and not wide:
         but = f", but for {bare} of {len(ratings)} agents that have none" if bare else ""
         return f"All intervals are {asked}{but}."
-    why = why or "all games are played that --games allows and that do not only repeat others"
+    if not why:
+        why = "all games are played that --games allows and that do not only repeat others"
+        if not limited:
+            why = f"no agent has both won and lost, and {why}, or {ENOUGH_SWEPT} of each pair"
     found = f"{wide} of {len(limited)} are wider" if limited else "there are none"
     return f"Not reached: intervals {asked}, {found}: {why}."
 
@@ -101,13 +106,14 @@ def _choose_round(plan: AdaptivePlan, games: Games, blocks: NDArray[np.int64]) -
     """The next jobs; none if the intervals are narrow enough, or no pair may play on.
 
     Each job is for the agent with the widest interval (agents that have never lost or never won
-    have none) and for the opponent with the most informative games: variance of their difference
-    times p (1 - p). The next job is chosen as if that one had been played. Only the reported
-    intervals end the league; the curvature predicts how much games narrow them.
+    have none: they come first, up to `ENOUGH_SWEPT` games of a pair) and for the opponent with the
+    most informative games: variance of their difference times p (1 - p). The next job is chosen as
+    if that one had been played. Only the reported intervals end the league; the curvature predicts
+    how much games narrow them.
     """
     num_agents, line_ups = plan.num_agents, np.sort(games.agents, axis=1)
     chunks = _count_chunks(line_ups, blocks // plan.blocks_per_chunk)
-    num_jobs = sum(chunks.values())
+    num_jobs = sum(n for line_up, n in chunks.items() if not set(line_up) <= plan.ladder)
     met = count_meetings(num_agents, line_ups)
     may_play = _find_open_pairs(plan, games, line_ups, met)
     counted = games.count_once()
@@ -126,12 +132,10 @@ def _choose_round(plan: AdaptivePlan, games: Games, blocks: NDArray[np.int64]) -
     jobs: list[Job] = []
     while len(jobs) < max(JOBS_PER_ROUND, SHARE_PER_ROUND * num_jobs):
         half_widths, gaps = _predict_widths(curvature, num_agents, groups)
-        half_widths *= scale
-        half_widths[~may_play.any(1)] = 0.0
-        widest = int(half_widths.argmax())
-        if half_widths[widest] <= plan.half_width_elo:
+        widest, allowed = _find_widest(half_widths * scale, may_play, met, plan.half_width_elo)
+        if widest is None:
             return jobs
-        worth = np.where(may_play[widest], gaps[widest] * information[widest], -1.0)
+        worth = np.where(allowed, gaps[widest] * information[widest], -1.0)
         opponent = int(worth.argmax())
         pair = min(widest, opponent), max(widest, opponent)
         line_up = fill_line_up(pair, plan.num_teams, met)
@@ -149,6 +153,25 @@ def _choose_round(plan: AdaptivePlan, games: Games, blocks: NDArray[np.int64]) -
                     curvature[[one, two], [one, two]] += share
                     curvature[[one, two], [two, one]] -= share
     return jobs
+
+
+def _find_widest(
+    half_widths: NDArray[np.float64],
+    may_play: NDArray[np.bool_],
+    met: NDArray[np.int64],
+    enough: float,
+) -> tuple[int | None, NDArray[np.bool_]]:
+    """The agent whose interval is to shrink (None: all are narrow `enough`), and the opponents
+    [n] that it may play.
+    """
+    has_none = half_widths == 0.0
+    early = may_play & (met < ENOUGH_SWEPT) & has_none[:, None]
+    widths = np.where(has_none, LEAST_WIDTH, half_widths)  # if only time ends, they play on at last
+    widths[early.any(1)] = math.inf
+    widths[~may_play.any(1)] = 0.0
+    widest = int(widths.argmax())
+    allowed = early[widest] if early[widest].any() else may_play[widest]
+    return (None if widths[widest] <= enough else widest), allowed
 
 
 def measure_ladder(ratings: Sequence[Rating], names: Sequence[str]) -> NDArray[np.float64]:

@@ -52,8 +52,9 @@ def train_league(
 ) -> LeagueTraining:
     """Train all learners to `total_frames`, turn by turn, evaluate them, write the report.
 
-    The same call again resumes after an interrupt or a kill, and continues with more
-    `total_frames` from the end; the bits are those of a league that was never stopped.
+    The same call again resumes after an interrupt or a kill; the bits are those of a league that
+    was never stopped. With more `total_frames` it continues: a last turn that was shorter than
+    `slice_frames` is taken up again, but rates that fall over `total_frames` differ.
 
     play_slice: runs a slice; None: `run_slice` here. It needs no more than its arguments, so it may
     run in another process or on another machine that sees the folders. Code that the learners'
@@ -95,7 +96,9 @@ def _take_turns(
     learners = [name for name, _ in settings.learners]
     num_slices = -(-settings.total_frames // settings.slice_frames) * len(learners)
     begun, minutes, shared = time.monotonic(), settings.max_minutes, folder / SHARED
-    first = read_progress(folder)
+    first, cut = read_progress(folder), read_progress(folder, "cut")
+    if settings.total_frames > cut > 0:  # the last turn ended sooner than its slice, for all
+        first = cut // settings.slice_frames * len(learners)
     with tqdm(total=num_slices, initial=first, unit=" slices", disable=not show_progress) as bar:
         for number in range(first, num_slices):
             turn, place = divmod(number, len(learners))
@@ -109,7 +112,8 @@ def _take_turns(
             result = play_slice(folder / MEMBERS / name, shared, budget, False)
             if not result.is_done or result.was_interrupted:
                 return result
-            write_json(folder / PROGRESS_FILE, {"slices": number + 1})
+            cut = goal if goal % settings.slice_frames else 0
+            write_json(folder / PROGRESS_FILE, {"slices": number + 1, "cut": cut})
             if show_progress:
                 tqdm.write(_describe_slice(name, result, shared))
             bar.update()
@@ -126,13 +130,16 @@ def _describe_slice(name: str, result: SliceResult, shared: Path) -> str:
     return f"{text}, {len(read_players(shared))} players frozen; wins {', '.join(rates) or '-'}"
 
 
-def read_progress(folder: Path) -> int:
-    """Number of finished slices. Raises ValueError for a damaged file."""
+def read_progress(folder: Path, name: str = "slices") -> int:
+    """Number of finished slices; "cut": steps of a last turn shorter than a slice, or 0.
+
+    Raises ValueError for a damaged file.
+    """
     path = folder / PROGRESS_FILE
     if not path.is_file():
         return 0
     try:
-        return int(read_number(read_json(path), "slices", COUNT))
+        return int(read_number({"cut": 0, **read_json(path)}, name, COUNT))
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(
             f"{path} cannot be read ({error!r}): delete it, slices that are done are not repeated"

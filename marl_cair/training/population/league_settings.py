@@ -93,7 +93,10 @@ class LeagueSettings:
         require(teams != 2 or games % 2 == 0, "final_games", games, allowed)
         for bot in self.final_bots:
             check_name(f"{main.name} bot", bot, GAMES[main.name].bots)
+            GAMES[main.name].bot(bot, main.rated_scenario)  # raises for one that cannot play there
         checks.require_once("final_bots", self.final_bots)
+        is_league = not games or len(self.learners) + len(self.final_bots) > 1
+        require(is_league, "final_bots", [], "one or more with one learner, or final_games=0")
 
     def role(self, name: str) -> RoleSettings:
         """The settings of one of ROLES."""

@@ -160,6 +160,11 @@ def adapt(simulation, half_width, games=4_000, is_time_up=lambda: False, num_tea
     return play_adaptively(AdaptivePlan(num_agents, num_teams, 4, 8, *limits), simulation)
 
 
+def count_points_of_loser(simulation):
+    games = simulation.games
+    return (games.points[games.agents == 0]).mean()
+
+
 class TestAdaptive:
     @pytest.mark.parametrize("num_teams", [2, 3])
     def test_it_stops_when_all_intervals_are_as_narrow_as_asked(self, num_teams):
@@ -216,6 +221,19 @@ class TestAdaptive:
         jobs = adapt(simulation, 80.0)
         assert len(jobs) < 100
 
+    @pytest.mark.parametrize("half_width", [60.0, 0.0])
+    def test_a_sweep_of_the_first_games_is_no_end(self, half_width):
+        """It ended after eight games in a third of such leagues."""
+        for seed in range(12):
+            simulation = Simulation([0.0, 2.3], seed=seed)  # 400 Elo: 8 of 8 games in 46 %
+            assert len(adapt(simulation, half_width, games=480)) > 6
+            assert 0.0 < count_points_of_loser(simulation) < 0.5
+
+    def test_agents_that_cannot_be_told_apart_by_more_games_end_it(self):
+        simulation = Simulation([0.0, 60.0])
+        assert 6 <= len(adapt(simulation, 60.0)) <= 6 + 8
+        assert len(adapt(simulation, 0.0, games=160)) == 20  # only --time or --games ends this one
+
 
 # --- the end of a league ------------------------------------------------------------------------
 
@@ -264,6 +282,8 @@ def test_the_ending_is_reported():
     assert text.startswith(
         "Not reached: intervals within 1 Elo either way (--ci), 4 of 4 are wider"
     )
+    swept = describe_ending(1.0, (), is_time_up=False)
+    assert "there are none: no agent has both won and lost, and all games are played" in swept
     assert "there are none: the time of --time is up" in describe_ending(1.0, (), is_time_up=True)
     assert describe_ending(0.0, ratings, is_time_up=False) == ""
 

@@ -360,6 +360,12 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
             ) from error
         name = full_name(word)
         if name in GROUPS:
+            if name == "opponent" and re.search(r"[,:/\[]", value):
+                raise ValueError(
+                    f"{word}: several opponents are 'opponent.mixture={{random: 1, counter: 1}}', "
+                    "a checkpoint's folder or module:function is given a name: "
+                    "'opponent.agents={mine: FOLDER}' 'opponent.mixture={mine: 1}'"
+                ) from error
             for choice in value.strip("[]").split(","):
                 check_name(f"{name} (marl-cair train {name}=...)", choice, list_all_choices(name))
             continue

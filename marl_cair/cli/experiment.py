@@ -78,6 +78,8 @@ def _find_plan(name: str) -> tuple[Path, bool]:
     """A file, or a ready-made plan by its name; and whether it is a ready-made one."""
     if Path(name).is_file():
         return Path(name), False
+    if name.endswith((".yaml", ".yml")):
+        raise ValueError(f"there is no file {name}: give a plan, or a ready-made one by its name")
     check_name("plan (a YAML file, or a ready-made one)", name, list_plans())
     return Path(str(_PLANS / f"{name}.yaml")), True
 

@@ -72,6 +72,8 @@ def _train(config: TrainConfig, resume: bool) -> int:
     if result.was_interrupted:
         sys.stderr.write(f"interrupted and saved: resume with {command}\n")
         return EXIT_INTERRUPTED
+    if resume and not result.last_row:
+        sys.stdout.write(f"the run had ended: total_frames above {result.frames} continues it\n")
     return EXIT_DONE
 
 

@@ -92,7 +92,9 @@ def train(
         run.log.prints = show_progress
         if resume and resume_with and run.saved_frames is None:
             run.log.note(0, "resume", "no state was saved before: the run begins at frame 0")
-        return _train(run, show_progress, until_frames, watch, resume_with)
+        result = _train(run, show_progress, until_frames, watch, resume_with)
+        _note_if_untrained(run)
+        return result
 
 
 def _train(
@@ -103,7 +105,9 @@ def _train(
     resume_with: str,
 ) -> TrainResult:
     config = run.config
-    _note_what_is_unused(run)
+    if run.spec.num_teams == 1:
+        text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
+        run.log.note(run.frames, "opponents", text)
     timers, whole, is_last = Timers(), config.total_frames, False
     goal = whole if until_frames is None else min(whole, until_frames)
     deadline = time.monotonic() + 60 * (config.max_minutes or math.inf)
@@ -151,15 +155,11 @@ def _train(
     return TrainResult(run.folder, run.frames, run.learner.updates, *ends)
 
 
-def _note_what_is_unused(run: TrainingRun) -> None:
-    config = run.config
-    if run.spec.num_teams == 1:
-        text = f"{config.game.scenario} has no rivals, so opponent.* is not used"
-        run.log.note(run.frames, "opponents", text)
-    whole, least = config.total_frames, config.replay.min_transitions
-    if least > whole and config.learner.learns_from_replay and not run.is_offline:
-        text = f"nothing is learned in total_frames={whole:,}: replay.min_transitions is {least:,}"
-        run.log.note(run.frames, "learning", text)
+def _note_if_untrained(run: TrainingRun) -> None:
+    if run.frames and not run.learner.updates and not run.is_offline:
+        least, held = run.config.replay.min_transitions, len(run.replay.real)
+        text = f"nothing was learned: replay holds {held:,} transitions, learning starts at"
+        run.log.note(run.frames, "learning", f"{text} {least:,} (replay.min_transitions)")
 
 
 def _save_after(error: Exception, run: TrainingRun, before: int, command: str) -> str:

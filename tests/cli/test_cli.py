@@ -211,6 +211,8 @@ def test_scenarios_to_be_rated_on_are_mappings_of_options(tmp_path):
         (["recipe=pqn", "learner.batch_size=64"], "no effect with learner.algorithm=pqn"),
         (["recipe=pqn", "replay.priority_alpha=0.6"], "no effect with learner.algorithm=pqn"),
         (["recipe=pqn", "generator=none", "replay.min_transitions=9"], "no effect with learner"),
+        (["opponent=[random,counter]"], "'opponent.mixture={random: 1, counter: 1}'"),
+        (["opponent=runs/a"], "'opponent.agents={mine: FOLDER}' 'opponent.mixture="),
         (["stop_score=95"], "stop_score is 95.0, it must be 1 or less: a share of the points"),
         (["evaluation.bots=[random,random]"], "evaluation.bots has 'random' twice"),
         (["gama=0.9"], "nearest are 'learner.gamma'"),

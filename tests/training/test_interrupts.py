@@ -8,6 +8,7 @@ import torch
 from marl_cair.training import trainer
 from marl_cair.training.run import TrainingRun
 from marl_cair.training.run_log import read_log
+from marl_cair.training.settings.replay import ReplaySettings
 from tests.training.runs import tiny, train
 
 TIMES = ("seconds/", "frames_per_second", "processor_seconds")
@@ -44,6 +45,14 @@ def test_the_seed_of_a_run_decides_what_code_from_outside_draws(tmp_path):
         drawn.append(torch.rand(()).item())
         run.close()
     assert drawn[0] == drawn[1] != drawn[2]
+
+
+def test_a_run_that_has_learned_nothing_says_so(tmp_path, capsys):
+    replay = ReplaySettings(3_000, 300, min_transitions=3_000)
+    train(tiny(tmp_path / "a", 256, replay=replay), show_progress=True)
+    assert "learning starts at 3,000 (replay.min_transitions)" in "".join(capsys.readouterr())
+    train(tiny(tmp_path / "b"), show_progress=True)
+    assert "nothing was learned" not in "".join(capsys.readouterr())
 
 
 def test_training_leaves_the_generator_of_torch_as_it_was(tmp_path):

@@ -38,9 +38,11 @@ def run(arguments: Sequence[str]) -> int:
     fps = options.fps or max(LEAST_FPS, round(session.steps_per_second / every))
     seats = ", ".join(f"{seat} {name}" for seat, name in enumerate(session.names))
     num_frames = write(path, film_game(session, size, every), fps)
+    num_ticks, each = len(session.history.actions), session.steps_per_decision
+    length = f"{num_ticks} steps" if each == 1 else f"{num_ticks} ticks, {each} of each step"
     sys.stdout.write(
-        f"{seats}: {session.describe_end()} after {len(session.history.actions)} "
-        f"steps; {path} has {num_frames} frames, {fps} in a second\n"
+        f"{seats}: {session.describe_end()} after {length}; {path} has {num_frames} frames, {fps} "
+        "in a second\n"
     )
     return EXIT_DONE
 
@@ -67,7 +69,7 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--every",
         type=int,
-        help="of a film: show each so many steps (default: 1; in a .gif, the decisions of agents)",
+        help="of a film: show each so many ticks (default: 1; in a .gif, the steps of agents)",
     )
     parser.add_argument(
         "--fps",

@@ -131,7 +131,7 @@ def _make_matrix(table: LeagueTable) -> Section:
 
 def _make_training(table: LeagueTable, curves: Sequence[Curve]) -> Section:
     if not curves:
-        words = "No run has two rated snapshots of different age: add `RUN/snapshots` to the league"
+        words = "No run has two rated snapshots of different age: name a run of self-play"
         return Section("training", "Learning curves", (f"{words}.",))
     words = (
         f"Elo ({table.zero}) of each run's snapshots by environment steps of training, with 95 % "

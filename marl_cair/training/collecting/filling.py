@@ -90,8 +90,9 @@ def _check_game(
         fields["shaping_discount"] = scenario.shaping_discount  # it changes nothing there
     if differing := list_differences(fields, scenario):
         raise ValueError(
-            f"the data set {source} is of another scenario: {differing}. Collect it "
-            "with --set, or change game.options, game.reward or learner.gamma (shaping_discount)"
+            f"the data set {source} is of another scenario, {about.scenario}: {differing}. Collect "
+            "it with --set, or change game.scenario, game.options, game.reward or learner.gamma "
+            "(shaping_discount)"
         )
 
 

@@ -83,7 +83,10 @@ def _fit_scenario(name: str, replay: Replay, engine: BatchedEngine) -> Replay:
     if replay.game != engine.game.name:
         raise ValueError(f"{name} is a game of {replay.game}, the run plays {engine.game.name}")
     if differing := list_differences(vars(replay.scenario), engine.scenario, REWARD_FIELDS):
-        raise ValueError(f"{name} is a game of another scenario: {differing}")
+        raise ValueError(
+            f"{name} is a game of another scenario: {differing}. `marl-cair match --record` plays "
+            "the run's; games of `play` and `watch` may be recorded tick by tick"
+        )
     try:
         for _ in replay_steps(replay):
             pass

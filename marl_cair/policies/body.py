@@ -24,7 +24,6 @@ class Body(nn.Module, ABC):
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 256  # `num_features`, unless the configuration has one
-    DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 0  # of the dueling head; 0: full rank
     READS_CHANNELS_LAST: ClassVar[bool] = False  # memory format of boards and images
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:

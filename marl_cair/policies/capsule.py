@@ -32,7 +32,6 @@ class CapsuleBody(Body):
     """
 
     DEFAULT_HIDDEN_WIDTH: ClassVar[int] = 128
-    DEFAULT_ACTION_EMBEDDING: ClassVar[int] = 32
     READS_CHANNELS_LAST: ClassVar[bool] = True
 
     def __init__(self, observation_shape: Sequence[int], config: "QNetworkConfig") -> None:

@@ -63,7 +63,7 @@ class QNetworkConfig:
     body: str = "conv"  # from the observation to features: a name, or module:Class
     head: str = "dueling"  # features to values: dueling, plain, quantile, naf, length, module:Class
     hidden_width: int | None = None  # capsule 128, thesis_conv 512, other bodies 256
-    action_embedding: int | None = None  # rank; 0: full. None: 32 with body=capsule, else 0
+    action_embedding: int | None = 0  # rank; 0: full. None, in older agents: 32 with body=capsule
     num_quantiles: int | None = None  # of the quantile head; None: 32
     noisy: bool = False  # learned noise in the head's dense layers, for exploration.kind=noisy
     norm: str = "none"  # of the body's layers: none or layer (GroupNorm, LayerNorm)
@@ -226,7 +226,7 @@ class QNetworkConfig:
             return 0
         if self.action_embedding is not None:
             return self.action_embedding
-        return policies.NETWORKS[self.body].DEFAULT_ACTION_EMBEDDING
+        return 32 if self.body == "capsule" else 0
 
     def resolve_num_quantiles(self) -> int:
         """Return the number K of quantiles of each action, 0 for other heads than `quantile`."""

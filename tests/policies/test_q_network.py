@@ -297,7 +297,9 @@ def test_a_configuration_survives_plain_data():
 def test_none_means_the_numbers_of_the_body():
     assert QNetworkConfig(body="conv").resolve_hidden_width() == 256
     assert QNetworkConfig(body="capsule").resolve_hidden_width() == 128
-    assert QNetworkConfig(body="capsule").resolve_action_embedding() == 32
+    assert QNetworkConfig(body="capsule").resolve_action_embedding() == 0
+    older = QNetworkConfig(body="capsule", action_embedding=None)
+    assert older.resolve_action_embedding() == 32
     assert QNetworkConfig(body="capsule", head="plain").resolve_action_embedding() == 0
     assert QNetworkConfig(body="capsule", action_embedding=0).resolve_action_embedding() == 0
 

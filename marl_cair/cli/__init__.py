@@ -54,7 +54,7 @@ TASKS = {
     "league exploit": "train against one agent: how far can it be exploited?",
 }
 EXIT_DONE, EXIT_DAMAGED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
-RESUMED = ("experiment", "reproduce")  # where nothing else says so
+RESUMED = ("experiment", "league", "reproduce")  # where nothing else says so
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

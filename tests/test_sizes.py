@@ -21,7 +21,7 @@ MAX_LINES = {
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_446,
+    "cli": 4_473,
     "": 2_003,  # the modules that every part may import
 }
 

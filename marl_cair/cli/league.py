@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -37,18 +38,16 @@ def run(arguments: Sequence[str]) -> int:
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
     game, scenario, fields = find_scenario([*agents, *ladder], options.game, options.scenario)
     fields = shared.change_fields(game, scenario, fields, options.fields)
-    max_seconds = shared.read_seconds(options.time, "--time") if options.time else 0.0
-    games = options.games
-    if games is None:
-        is_adaptive = options.ci > 0.0 or max_seconds > 0.0
-        games = MOST_GAMES_PER_PAIR if is_adaptive else GAMES_PER_PAIR
+    max_seconds = read_seconds(options)
+    is_adaptive = options.ci > 0.0 or max_seconds > 0.0
+    usual = MOST_GAMES_PER_PAIR if is_adaptive else GAMES_PER_PAIR
     result = run_league(
         LeagueConfig(
             agents=agents,
             game=game.name,
             scenario=scenario,
             scenario_options=fields,
-            games_per_pair=games,
+            games_per_pair=usual if options.games is None else options.games,
             seed=options.seed,
             out=options.out,
             ladder=ladder,
@@ -76,7 +75,7 @@ def report(arguments: Sequence[str]) -> int:
         help="alpha-Rank too; needs pip install 'marl_cair[openspiel]' (default: no)",
     )
     shared.add_options(parser, "--no-replays")
-    _add_zero(parser)
+    add_zero(parser)
     options = parser.parse_args(arguments)
     from marl_cair.league.report.report import report_stored
 
@@ -225,6 +224,19 @@ def make_parser() -> Parser:
         help="how more than three play a map seed: in all orders of the seats, or in the rotations "
         "of a random ring (default: all for two and three, ring for more)",
     )
+    add_limits(parser)
+    add_zero(parser)
+    parser.add_argument(
+        "--out",
+        default=shared.DEFAULT_OUT,
+        help="folder of results and report; that of another seed, game or scenario is refused "
+        "(default: %(default)s)",
+    )
+    return parser
+
+
+def add_limits(parser: Parser) -> None:
+    """The options `--ci` and `--time`."""
     parser.add_argument(
         "--ci",
         type=float,
@@ -236,17 +248,15 @@ def make_parser() -> Parser:
     parser.add_argument(
         "--time", default="", help="as --ci, for this time: 90s, 10m or 2h (default: no)"
     )
-    _add_zero(parser)
-    parser.add_argument(
-        "--out",
-        default=shared.DEFAULT_OUT,
-        help="folder of results and report; that of another seed, game or scenario is refused "
-        "(default: %(default)s)",
-    )
-    return parser
 
 
-def _add_zero(parser: Parser) -> None:
+def read_seconds(options: argparse.Namespace) -> float:
+    """The seconds of `--time`, 0 without it."""
+    return shared.read_seconds(options.time, "--time") if options.time else 0.0
+
+
+def add_zero(parser: Parser) -> None:
+    """The option `--zero`."""
     parser.add_argument(
         "--zero",
         default="",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
+from marl_cair.cli.league import MOST_GAMES_PER_PAIR, add_limits, add_zero, read_seconds
 from marl_cair.cli.parser import Parser
 from marl_cair.league.agents.mixtures import SLACK, save_mixture
 
@@ -24,9 +25,20 @@ def add(arguments: Sequence[str]) -> int:
     found = shared.expand_agents(options.agents, known=list_fingerprints(folder))
     agents = found.list_agents(options.agents)
     allow_code = options.allow_code or frozenset(agents)
-    config = plan_extension(folder, agents, options.games, options.workers, load, allow_code)
-    command = shared.format_command("league add", arguments)
-    config = dataclasses.replace(config, command=command, replays=not options.no_replays)
+    games, max_seconds = options.games, read_seconds(options)
+    if games is None and (options.ci > 0.0 or max_seconds > 0.0):
+        games = MOST_GAMES_PER_PAIR
+    config = plan_extension(folder, agents, games, options.workers, load, allow_code)
+    config = dataclasses.replace(
+        config,
+        half_width_elo=options.ci,
+        max_seconds=max_seconds,
+        cluster=options.cluster,
+        record=options.record,
+        zero=options.zero,
+        command=shared.format_command("league add", arguments),
+        replays=not options.no_replays,
+    )
     return shared.print_league(run_league(config, load))
 
 
@@ -41,7 +53,12 @@ def make_add_parser() -> Parser:
     parser.add_argument(
         "--out", default=shared.DEFAULT_OUT, help="folder of the league (default: %(default)s)"
     )
-    names = ("--games", "--workers", "--allow-code", "--no-replays", *shared.ANSWER_LIMITS)
+    add_limits(parser)
+    add_zero(parser)
+    names = (
+        *("--games", "--workers", "--cluster", "--record", "--allow-code", "--no-replays"),
+        *shared.ANSWER_LIMITS,
+    )
     usual = "as many as the league's pairs have on the median"
     shared.add_options(parser, *names, games_of="of each new pair", games=usual, files="the league")
     return parser

@@ -1,5 +1,6 @@
 """`marl-cair league add`: new agents meet those of a league, which do not play each other again."""
 
+import csv
 import dataclasses
 import sqlite3
 from contextlib import closing
@@ -74,6 +75,20 @@ def test_a_new_agent_meets_all_others(league, capsys):
     assert list_names(league) == ["economist", "random", "turtle"]
     assert count_games(league) == before + 2 * 8
     assert "economist" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_new_agent_is_rated_as_narrowly_as_asked(tmp_path, capsys):
+    words = ["random", "turtle", "--scenario", "11x11", "--games", "40", "--set", "max_ticks=200"]
+    assert main(["league", *words, "--out", str(tmp_path), "--no-replays"]) == 0
+    added = ["league", "add", "rusher", "--out", str(tmp_path), "--no-replays"]
+    assert main([*added, "--ci", "150", "--zero", "random"]) == 0
+    assert "All intervals are within 150 Elo either way (--ci)" in capsys.readouterr().out
+    ladder = csv.DictReader((tmp_path / "ladder.csv").read_text("utf-8").splitlines())
+    (zero,) = (row for row in ladder if row["agent"] == "random")
+    assert float(zero["elo"]) == 0
+    assert main([*added, "--games", "0"]) == 2
+    assert "it must be 1 or more" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -28,6 +28,7 @@ from marl_cair.training.settings.config import GameSettings, TrainConfig
 from marl_cair.training.settings.config_file import build_config, build_value
 from marl_cair.training.settings.learner import OF_REPLAY
 from marl_cair.training.settings.options import list_options
+from marl_cair.training.settings.replay import ReplaySettings
 
 SHORTHANDS = {
     "scenario": "game.scenario",
@@ -123,22 +124,23 @@ def run_hydra(arguments: Sequence[str]) -> list[Job]:
         for values, words in composed
     ]
     if not any(job.config.learner.learns_from_replay for job in jobs):
-        _refuse_of_replay(words, jobs[0].config)
+        _refuse_of_replay(words, [job.config for job in jobs])
     return jobs
 
 
-def _refuse_of_replay(words: Sequence[str], config: TrainConfig) -> None:
+def _refuse_of_replay(words: Sequence[str], configs: Sequence[TrainConfig]) -> None:
     """Raise ValueError for options of replay, given by hand, which the algorithm does not read.
 
     Those of recipes are left: "recipe=dqn" and "recipe=pqn" join those of a game.
     """
     unread = {f"learner.{name}" for name in OF_REPLAY}
-    settings = [item.name for item in dataclasses.fields(config.replay)]
-    unread |= {f"replay.{name}" for name in (_OF_SAMPLER if config.has_generator else settings)}
+    every = [item.name for item in dataclasses.fields(ReplaySettings)]
+    has_generator = any(config.has_generator for config in configs)
+    unread |= {f"replay.{name}" for name in (_OF_SAMPLER if has_generator else every)}
     for name in filter(unread.__contains__, map(full_name, words)):
         raise ValueError(
-            f"{name} has no effect with learner.algorithm={config.learner.algorithm}, which learns "
-            "from the newest steps: leave it out"
+            f"{name} has no effect with learner.algorithm={configs[0].learner.algorithm}, which "
+            "learns from the newest steps: leave it out"
         )
 
 
@@ -360,7 +362,7 @@ def _explain(words: Sequence[str], error: Exception) -> typing.NoReturn:
             ) from error
         name = full_name(word)
         if name in GROUPS:
-            if name == "opponent" and re.search(r"[,:/\[]", value):
+            if name == "opponent" and re.search(r"[:/\[]", value):
                 raise ValueError(
                     f"{word}: several opponents are 'opponent.mixture={{random: 1, counter: 1}}', "
                     "a checkpoint's folder or module:function is given a name: "

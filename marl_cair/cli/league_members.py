@@ -15,14 +15,14 @@ from marl_cair.league.agents.mixtures import SLACK, save_mixture
 
 
 def add(arguments: Sequence[str]) -> int:
-    """Rate new agents by games against all agents of a league; the others do not play again."""
+    """Rate agents by games against all others of a league, which do not play again."""
     options = make_add_parser().parse_args(arguments)
-    from marl_cair.league.extend import list_fingerprints, plan_extension
+    from marl_cair.league.extend import plan_extension
     from marl_cair.league.league import run_league
 
     load = shared.choose_load(options)
     folder = Path(options.out)
-    found = shared.expand_agents(options.agents, known=list_fingerprints(folder))
+    found = shared.expand_agents(options.agents)
     agents = found.list_agents(options.agents)
     allow_code = options.allow_code or frozenset(agents)
     games, max_seconds = options.games, read_seconds(options)
@@ -48,7 +48,7 @@ def make_add_parser() -> Parser:
     parser.add_argument(
         "agents",
         nargs="+",
-        help="as `marl-cair league` takes them; of a run those that the league does not have",
+        help="as `marl-cair league` takes them; those that the league has already play on",
     )
     parser.add_argument(
         "--out", default=shared.DEFAULT_OUT, help="folder of the league (default: %(default)s)"

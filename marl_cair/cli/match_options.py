@@ -8,7 +8,7 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -168,9 +168,9 @@ def change_fields(
     return {**fields, **getattr(scenario, "follow", dict)(changes)}
 
 
-def expand_agents(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
+def expand_agents(sources: Sequence[str]) -> Expansion:
     """`expand_runs`; prints which agents each run stands for."""
-    found = expand_runs(sources, known)
+    found = expand_runs(sources)
     sys.stderr.writelines(f"{line}\n" for line in found.notes)
     return found
 

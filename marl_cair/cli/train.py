@@ -73,7 +73,8 @@ def _train(config: TrainConfig, resume: bool) -> int:
         sys.stderr.write(f"interrupted and saved: resume with {command}\n")
         return EXIT_INTERRUPTED
     if resume and not result.last_row:
-        sys.stdout.write(f"the run had ended: total_frames above {result.frames} continues it\n")
+        more = "a higher stop_score, or null," if result.reached_score else "a larger total_frames"
+        sys.stdout.write(f"the run had ended: {more} continues it\n")
     return EXIT_DONE
 
 

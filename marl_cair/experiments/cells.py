@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from operator import attrgetter
@@ -115,7 +115,7 @@ def _compose(plan: Plan, draft: Draft, compose: Compose, scale: float) -> TrainC
         whole = "left out: each run trains for its whole budget"
         require(config.stop_score is None, "stop_score", config.stop_score, whole)
         _check_rating(task, config)
-        _check_numbers(task.rating, config)
+        _check_numbers(task.rating, config, plan.factors)
         if task.rating.agent == BEST and not (draft.agent or draft.trainer):
             require_best(config, config.total_frames)
     except ValueError as error:
@@ -217,9 +217,9 @@ def _check_rating(task: TaskSettings, config: TrainConfig) -> None:
             check_name(f"{game.name} bot or checkpoint folder", agent, game.bots)
 
 
-def _check_numbers(rating: RatingSettings, config: TrainConfig) -> None:
-    """Raise ValueError for a number that looks do not have. Numbers of Flash games are not checked:
-    that would start a browser.
+def _check_numbers(rating: RatingSettings, config: TrainConfig, factors: Iterable[str]) -> None:
+    """Raise ValueError for a number that looks do not have, and for a factor with the name of one.
+    Numbers of Flash games are not checked: that would start a browser.
     """
     game, known = GAMES[config.game.name], [f"against {bot}" for bot in rating.bots]
     if rating.bots:
@@ -233,6 +233,8 @@ def _check_numbers(rating: RatingSettings, config: TrainConfig) -> None:
         engine = BatchedEngine(game, make_scenario(config, rating), 1)
         known = ["return", "ended", *engine.info()]
         check_name("number of the game (rating.number)", rating.number, known)
+    for factor in factors:
+        require(factor not in known, "factors", factor, "another name than a number's of the game")
     marks = [f" ({100 * epsilon:g} % random)" for epsilon in rating.epsilons[1:]]
     known += [f"{name}{mark}" for name in known for mark in marks]
     known += ["score", "mean", "updates", "generated_share", "overestimation"]

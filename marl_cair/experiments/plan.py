@@ -30,7 +30,7 @@ _NAME = re.compile(r"[\w.+]+")
 _COLUMNS = (
     *("task", "unit", "runs", "seed", "look", "seconds", "frames", "steps", "score", "mean"),
     *("updates", "generated_share", "normalised", "overestimation", "return", "ended"),
-    *("level", "untrained", "at the start"),
+    *("level", "untrained"),
 )
 
 

@@ -43,7 +43,7 @@ Report = Callable[[float, Sequence[Row]], None]  # the share of the budget that 
 
 def run_cell(folder: Path, report: Report) -> bool:
     """Train and rate the cell in `folder`, or resume it; False if it was interrupted."""
-    cell, finished = load_cell(folder), folder / DONE_FILE
+    cell, finished, code = load_cell(folder), folder / DONE_FILE, digest_code()
     with FileLock(folder / _LOCK_FILE, timeout=_LOCK_SECONDS):
         if not finished.exists():
             looks = Looks(cell, folder)
@@ -57,7 +57,7 @@ def run_cell(folder: Path, report: Report) -> bool:
                 return False
             if not looks.rows:
                 raise ValueError(f"{cell.trainer} has made no look: call its second argument")
-            write_atomically(finished, f"marl_cair {digest_code()}, torch {torch.__version__}\n")
+            write_atomically(finished, f"marl_cair {code}, torch {torch.__version__}\n")
         shutil.rmtree(folder / RUN / RESUME_FOLDER, ignore_errors=True)  # gigabytes of all cells
     return True
 

@@ -226,6 +226,8 @@ class CCDNGenerator:
         if self._heldout.num_rows < needed:
             found, share = self._heldout.num_rows, self.config.heldout_share
             reason = f"only {found} held-out rows, {needed} are needed; heldout_share is {share}"
+            if not share:
+                reason = f"the data set holds out {found} rows, {needed} are needed: collect more"
             self.last_report = GateReport(False, (reason,))
             return self.last_report
         rows = self._heldout.sample(gate.evaluation_rows, self._generators[_EVALUATING])

@@ -263,7 +263,7 @@ class GeneratorConfig:
     max_grad_norm: float = 100.0  # far above the usual: clipping every step would bias odds
     rare_share: float = 0.25  # of each training batch: rows with a rare reward or an end
     rare_capacity: int = 2048  # such rows that are kept
-    heldout_share: float = 0.1  # of real transitions, by hash of their index
+    heldout_share: float = 0.1  # of real transitions, by hash; 0 with data sets, which have theirs
     heldout_ends: float = 0.5  # of ends: they are few, and few are enough to learn from
     heldout_capacity: int = 4096  # transitions; fewer hold only a part of each game
     counterfactual_share: float = 0.5  # of rows whose first step is generated take another action

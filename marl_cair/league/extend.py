@@ -42,6 +42,11 @@ def plan_extension(
     with closing(LeagueStore(folder / STORE_FILE)) as store:
         settings, stored, records = store.settings, store.read_games(), store.read_agents()
     played = sorted(set(stored.agents.ravel().tolist()))
+    if not played:
+        raise LeagueStoreError(
+            f"{folder} holds no games yet: play them first (`marl-cair league AGENT AGENT ... "
+            f"--out {folder}`)"
+        )
     rules = Rules.read(settings)
     game, scenario = rules.game, rules.scenario
     # An agent that has begun already plays on.
@@ -50,8 +55,8 @@ def plan_extension(
     played = [number for number in played if records[number].fingerprint not in fingerprints]
     if not played:
         raise LeagueStoreError(
-            f"{folder} holds no games yet: play them first (`marl-cair league AGENT AGENT ... "
-            f"--out {folder}`)"
+            f"all agents of {folder} are given, so there is none to meet: `marl-cair league AGENT "
+            f"AGENT ... --out {folder}` gives them more games"
         )
     ladder = [find_source(folder, records[number]) for number in played]
     require_allowed(ladder, allow_code, folder / STORE_FILE)
@@ -76,12 +81,6 @@ def plan_extension(
         seating=rules.seating,
         workers=workers,
     )
-
-
-def list_fingerprints(folder: Path) -> set[str]:
-    """Fingerprints of the agents of the league in `folder`. Raises LeagueStoreError without one."""
-    with closing(LeagueStore(folder / STORE_FILE)) as store:
-        return {record.fingerprint for record in store.read_agents().values()}
 
 
 def load_played(

@@ -265,7 +265,7 @@ class _League:
 
         def measure(games: Games) -> NDArray[np.float64]:
             ratings = rate(self.names, games, rules.seed, config.zero).ratings
-            return adaptive.measure_ladder(ratings, self.names)
+            return adaptive.measure_ladder(ratings, self.names, config.zero)
 
         plan = adaptive.AdaptivePlan(
             len(self.ids),

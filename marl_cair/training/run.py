@@ -92,6 +92,7 @@ class TrainingRun:
         self._claim = ExitStack()
         words = np.random.SeedSequence(config.seed).generate_state(_NUM_SEEDS)
         self._seeds: list[int] = words.tolist()
+        torch.default_generator.manual_seed(self._seeds[17])  # code from outside may draw from it
         if resume and (self.folder / files.RUN_MARKER).is_file():
             with self._claim_folder(resume):
                 pass  # other settings are refused before their agents are loaded
@@ -116,7 +117,6 @@ class TrainingRun:
         self.saved_frames: int | None = None  # of the last saved state
         self.best_score = self.confirmed_score = -math.inf  # the second: of a repeated evaluation
         self.gate_is_open, self.generator_is_on, self.generator_failures = False, True, 0
-        torch.manual_seed(self._seeds[17])  # code from outside may draw from it
         files.recover_folder(self.folder / RESUME_FOLDER)
         # Checked again: another process may have saved its first state here since.
         if resume and (self.folder / RESUME_FOLDER).is_dir():

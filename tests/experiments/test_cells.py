@@ -70,6 +70,10 @@ def test_a_cell_that_was_begun_keeps_its_settings_alone(tmp_path):
         ({"words": [*WORDS, "policy.head=quantile"]}, "maze-dqn cannot be run: policy.head is"),
         ({"tasks": change_task(rating={"bots": ["random"]})}, "left out: the game is played alone"),
         (
+            {"factors": {"extra_steps": {"few": []}}},
+            "factors is 'extra_steps', it must be another name than a number's of the game",
+        ),
+        (
             {"tasks": change_task(rating={"show": ["ended (5 % random)"]})},
             r"unknown number of a look \(rating.show\) 'ended \(5 % random\)'",
         ),

@@ -77,6 +77,11 @@ def test_a_new_agent_meets_all_others(league, capsys):
     assert "economist" in capsys.readouterr().out
 
 
+def test_an_agent_needs_others_to_meet(league, capsys):
+    assert main(["league", "add", *list_names(league), "--out", str(league)]) == 2
+    assert "are given, so there is none to meet" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_new_agent_is_rated_as_narrowly_as_asked(tmp_path, capsys):
     words = ["random", "turtle", "--scenario", "11x11", "--games", "40", "--set", "max_ticks=200"]

@@ -37,14 +37,22 @@ def test_a_resumed_run_has_the_log_of_one_that_was_not_interrupted(tmp_path, mon
     assert rows[0] == rows[1]
 
 
-def test_the_seed_of_a_run_decides_what_code_from_outside_draws(tmp_path):
+def test_the_seed_of_a_run_decides_what_code_from_outside_draws(tmp_path, monkeypatch):
     drawn = []
+    make = TrainingRun.make_generator
+
+    def make_and_draw(run, source=None):
+        make(run, source)
+        drawn.append(torch.rand(()).item())  # as weights of a generator from outside
+
+    monkeypatch.setattr(TrainingRun, "make_generator", make_and_draw)
     for number, seed in enumerate((0, 0, 1)):
         torch.manual_seed(number)
         run = TrainingRun(tiny(tmp_path / str(number), seed=seed))
         drawn.append(torch.rand(()).item())
         run.close()
-    assert drawn[0] == drawn[1] != drawn[2]
+    assert drawn[:2] == drawn[2:4]
+    assert not set(drawn[:2]) & set(drawn[4:])
 
 
 def test_a_run_that_has_learned_nothing_says_so(tmp_path, capsys):

@@ -39,7 +39,7 @@ def run(arguments: Sequence[str]) -> int:
     seats = ", ".join(f"{seat} {name}" for seat, name in enumerate(session.names))
     num_frames = write(path, film_game(session, size, every), fps)
     num_ticks, each = len(session.history.actions), session.steps_per_decision
-    length = f"{num_ticks} steps" if each == 1 else f"{num_ticks} ticks, {each} of each step"
+    length = f"{num_ticks} steps" if each == 1 else f"{num_ticks} ticks (steps of {each})"
     sys.stdout.write(
         f"{seats}: {session.describe_end()} after {length}; {path} has {num_frames} frames, {fps} "
         "in a second\n"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,19 +30,18 @@ class Expansion(NamedTuple):
         return tuple(agent for source in sources for agent in self.agents[source])
 
 
-def expand_runs(sources: Sequence[str], known: Collection[str] = ()) -> Expansion:
+def expand_runs(sources: Sequence[str]) -> Expansion:
     """Agents of each source: of a training run its newest agent and some of its snapshots, of a
     league's training the newest agent of each learner. Other sources stay as they are (a run of
     best responses is the agent that `checkpoint.find_agent` finds).
 
-    Identical agents are taken once; a run's agents give way to the other sources, and to agents
-    with a fingerprint in `known`.
+    Identical agents are taken once; a run's agents give way to the other sources.
 
     Raises CheckpointError: a run holds no agent yet, or a damaged one.
     """
     runs = {source: found for source in sources if (found := _list_agents(source)) is not None}
     alone = [one for one in sources if runs and one not in runs and is_checkpoint(one)]
-    taken = {*known, *(_identify(one) for one in alone if not is_mixture(one))}
+    taken = {_identify(one) for one in alone if not is_mixture(one)}
     agents: dict[str, tuple[str, ...]] = {}
     notes = []
     for source in dict.fromkeys(sources):

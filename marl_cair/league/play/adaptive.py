@@ -23,7 +23,7 @@ from marl_cair.league.ratings.rate import Rating
 JOBS_PER_ROUND, SHARE_PER_ROUND = 8, 0.125
 ENOUGH_REPEATS = 24  # of a line-up, that no more of its games are played
 LEAST_WIDTH = 1e-9  # in Elo
-ENOUGH_SWEPT = 48  # games of a pair, for an agent without an interval: it may yet win, or lose, one
+ENOUGH_SWEPT = 48  # games of an agent without an interval: it may yet win, or lose, one
 
 # Plays jobs; returns the games so far, agents by number, and int64 [N] the number of each game's
 # block within its line-up.
@@ -78,7 +78,7 @@ def describe_ending(half_width_elo: float, ratings: Sequence[Rating], is_time_up
     if not why:
         why = "all games are played that --games allows and that do not only repeat others"
         if not limited:
-            why = f"no agent has both won and lost, and {why}, or {ENOUGH_SWEPT} of each pair"
+            why = f"no agent has both won and lost, and {why}, or {ENOUGH_SWEPT} of each agent"
     found = f"{wide} of {len(limited)} are wider" if limited else "there are none"
     return f"Not reached: intervals {asked}, {found}: {why}."
 
@@ -106,10 +106,10 @@ def _choose_round(plan: AdaptivePlan, games: Games, blocks: NDArray[np.int64]) -
     """The next jobs; none if the intervals are narrow enough, or no pair may play on.
 
     Each job is for the agent with the widest interval (agents that have never lost or never won
-    have none: they come first, up to `ENOUGH_SWEPT` games of a pair) and for the opponent with the
-    most informative games: variance of their difference times p (1 - p). The next job is chosen as
-    if that one had been played. Only the reported intervals end the league; the curvature predicts
-    how much games narrow them.
+    have none: they come first, up to `ENOUGH_SWEPT` games) and for the opponent with the most
+    informative games: variance of their difference times p (1 - p). The next job is chosen as if
+    that one had been played. Only the reported intervals end the league; the curvature predicts how
+    much games narrow them.
     """
     num_agents, line_ups = plan.num_agents, np.sort(games.agents, axis=1)
     chunks = _count_chunks(line_ups, blocks // plan.blocks_per_chunk)
@@ -165,7 +165,7 @@ def _find_widest(
     [n] that it may play.
     """
     has_none = half_widths == 0.0
-    early = may_play & (met < ENOUGH_SWEPT) & has_none[:, None]
+    early = may_play & (has_none & (met.sum(1) < ENOUGH_SWEPT))[:, None]
     widths = np.where(has_none, LEAST_WIDTH, half_widths)  # if only time ends, they play on at last
     widths[early.any(1)] = math.inf
     widths[~may_play.any(1)] = 0.0
@@ -174,9 +174,15 @@ def _find_widest(
     return (None if widths[widest] <= enough else widest), allowed
 
 
-def measure_ladder(ratings: Sequence[Rating], names: Sequence[str]) -> NDArray[np.float64]:
-    """Half-widths of the intervals of `names` [n], 0 for those that have none."""
+def measure_ladder(
+    ratings: Sequence[Rating], names: Sequence[str], zero: str = ""
+) -> NDArray[np.float64]:
+    """Half-widths of the intervals of `names` [n], 0 for those that have none. zero: the agent that
+    is rated 0, surely.
+    """
     widths = {rating.name: (rating.high - rating.low) / 2.0 for rating in ratings}
+    if zero:
+        widths[zero] = max(widths[zero], LEAST_WIDTH)
     return np.array([widths[name] for name in names])
 
 

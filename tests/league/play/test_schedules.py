@@ -149,12 +149,12 @@ class Simulation:
         return games, np.array(blocks)
 
 
-def adapt(simulation, half_width, games=4_000, is_time_up=lambda: False, num_teams=2):
+def adapt(simulation, half_width, games=4_000, is_time_up=lambda: False, num_teams=2, zero=""):
     num_agents = len(simulation.strengths)
-    names = list("abcdef"[:num_agents])
+    names = list("abcdefghi"[:num_agents])
 
     def measure(played):
-        return measure_ladder(rate(names, played).ratings, names)
+        return measure_ladder(rate(names, played, zero=zero).ratings, names, zero)
 
     limits = half_width, games, is_time_up, measure
     return play_adaptively(AdaptivePlan(num_agents, num_teams, 4, 8, *limits), simulation)
@@ -228,6 +228,20 @@ class TestAdaptive:
             simulation = Simulation([0.0, 2.3], seed=seed)  # 400 Elo: 8 of 8 games in 46 %
             assert len(adapt(simulation, half_width, games=480)) > 6
             assert 0.0 < count_points_of_loser(simulation) < 0.5
+
+    def test_the_agent_that_is_rated_0_plays_no_more_than_others(self):
+        strengths = [0.0, 0.4, 0.8, 1.2, 1.6]
+        simulation = Simulation(strengths)
+        adapt(simulation, 120.0, zero="a")
+        counts = np.bincount(simulation.games.agents.ravel(), minlength=5)
+        assert counts[0] <= counts.max()
+        assert len(simulation.jobs) < 25  # 31 when it came first
+
+    def test_a_hopeless_agent_does_not_take_all_games(self):
+        simulation = Simulation([-60.0, *np.linspace(0.0, 1.0, 8)])
+        adapt(simulation, 60.0, is_time_up=lambda: len(simulation.jobs) > 60)
+        counts = np.bincount(simulation.games.agents.ravel(), minlength=9)
+        assert counts[0] <= 48 + 8 * 8
 
     def test_agents_that_cannot_be_told_apart_by_more_games_end_it(self):
         simulation = Simulation([0.0, 60.0])

@@ -21,7 +21,7 @@ MAX_LINES = {
     "browser": 950,
     "dashboard": 320,
     "conf": 10,
-    "cli": 4_476,
+    "cli": 4_482,
     "": 2_003,  # the modules that every part may import
 }
 

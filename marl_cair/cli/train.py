@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from marl_cair.checkpoint import LATEST_FOLDER, read_description
 from marl_cair.cli import EXIT_DONE, EXIT_INTERRUPTED
@@ -24,6 +25,7 @@ from marl_cair.files import find_folder
 from marl_cair.games import GAMES
 from marl_cair.lookup import find_by_name
 from marl_cair.self_play.samplers import LEAGUE_SAMPLERS, SAMPLERS
+from marl_cair.training.settings.checks import require
 from marl_cair.training.settings.config import TrainConfig
 from marl_cair.training.settings.config_file import (
     CHANGEABLE,
@@ -94,10 +96,14 @@ def read_resume(arguments: Sequence[str]) -> TrainConfig:
         raise ValueError(f"{_ALLOW_CODE} is {allow_code!r}, it must be true or false")
     config = load_config(folder, allow_code == "true")
     _refuse_without_state(Path(folder), config)
-    changes = {}
+    changes: dict[str, Any] = {}
     for name, value in words.items():
         kind = find_by_name("option of a resumed run", name, CHANGEABLE)
         changes[name] = build_value(kind, read_value(f"{name}={value}"), name)
+    agent, goal = find_folder(Path(folder) / LATEST_FOLDER), changes.get("total_frames")
+    if goal is not None and goal < config.total_frames and agent.is_dir():
+        done = read_description(agent).frames
+        require(goal >= done, "total_frames", goal, f"{done} or more, where {folder} is already")
     return dataclasses.replace(config, **changes)
 
 

@@ -295,6 +295,8 @@ def test_train_resume_evaluate_and_league_from_end_to_end(tmp_path, capsys):
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 0
     assert main(["train", *SMALL, f"out={out}", "total_frames=1024"]) == 2
     assert f"resume it with `marl-cair train resume={out}`" in capsys.readouterr().err
+    assert_refused(capsys, "total_frames is 640, it must be 1024 or more, where", "train",
+                   f"resume={out}", "total_frames=640")  # fmt: skip
     assert main(["train", f"resume={out}", "total_frames=1.28e3", "max_minutes=null"]) == 0
     assert main(["train", f"resume={out}", "seed=2"]) == 2
     assert "unknown option of a resumed run 'seed'" in capsys.readouterr().err

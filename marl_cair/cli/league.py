@@ -38,16 +38,14 @@ def run(arguments: Sequence[str]) -> int:
     agents, ladder = found.list_agents(options.agents), found.list_agents(options.ladder)
     game, scenario, fields = find_scenario([*agents, *ladder], options.game, options.scenario)
     fields = shared.change_fields(game, scenario, fields, options.fields)
-    max_seconds = read_seconds(options)
-    is_adaptive = options.ci > 0.0 or max_seconds > 0.0
-    usual = MOST_GAMES_PER_PAIR if is_adaptive else GAMES_PER_PAIR
+    max_seconds, games = read_limits(options)
     result = run_league(
         LeagueConfig(
             agents=agents,
             game=game.name,
             scenario=scenario,
             scenario_options=fields,
-            games_per_pair=usual if options.games is None else options.games,
+            games_per_pair=GAMES_PER_PAIR if games is None else games,
             seed=options.seed,
             out=options.out,
             ladder=ladder,
@@ -250,9 +248,12 @@ def add_limits(parser: Parser) -> None:
     )
 
 
-def read_seconds(options: argparse.Namespace) -> float:
-    """The seconds of `--time`, 0 without it."""
-    return shared.read_seconds(options.time, "--time") if options.time else 0.0
+def read_limits(options: argparse.Namespace) -> tuple[float, int | None]:
+    """The seconds of `--time`, 0 without it; and `--games`, or its default with a limit."""
+    seconds = shared.read_seconds(options.time, "--time") if options.time else 0.0
+    is_adaptive = options.ci > 0.0 or seconds > 0.0
+    usual = MOST_GAMES_PER_PAIR if is_adaptive else None
+    return seconds, usual if options.games is None else options.games
 
 
 def add_zero(parser: Parser) -> None:

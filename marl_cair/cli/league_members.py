@@ -9,7 +9,7 @@ from pathlib import Path
 
 from marl_cair.cli import EXIT_DONE
 from marl_cair.cli import match_options as shared
-from marl_cair.cli.league import MOST_GAMES_PER_PAIR, add_limits, add_zero, read_seconds
+from marl_cair.cli.league import add_limits, add_zero, read_limits
 from marl_cair.cli.parser import Parser
 from marl_cair.league.agents.mixtures import SLACK, save_mixture
 
@@ -25,9 +25,7 @@ def add(arguments: Sequence[str]) -> int:
     found = shared.expand_agents(options.agents)
     agents = found.list_agents(options.agents)
     allow_code = options.allow_code or frozenset(agents)
-    games, max_seconds = options.games, read_seconds(options)
-    if games is None and (options.ci > 0.0 or max_seconds > 0.0):
-        games = MOST_GAMES_PER_PAIR
+    max_seconds, games = read_limits(options)
     config = plan_extension(folder, agents, games, options.workers, load, allow_code)
     config = dataclasses.replace(
         config,

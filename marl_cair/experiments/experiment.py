@@ -126,16 +126,17 @@ def _run(
         write_json(marker, {"kind": KIND, "settings": settings})
         write_json(config.out / _SCALE_FILE, {"factor": scale})
         todo = [cell for cell in chosen if cell.name not in skipped]
-
-        def write() -> str:
-            return _write(scaled, cells, config.out, _describe(scaled, scale, config, skipped))
-
-        failed = scheduler.run_cells(todo, config.out, runner, write)
+        notes = _describe(scaled, scale, config, skipped)
+        write = partial(_write, scaled, cells, config.out, notes)
+        try:
+            failed = scheduler.run_cells(todo, config.out, runner, write)
+        finally:
+            text = write()  # of an interrupted plan too
         if plan.games_per_pair and not failed:
             _play_leagues(scaled, cells, config)
         if config.panels:
             _draw_panels(scaled, cells, config.out)
-        return ExperimentResult(write(), failed, skipped)
+        return ExperimentResult(text, failed, skipped)
 
 
 def _find_scale(plan: Plan, config: ExperimentConfig, workers: int) -> float:

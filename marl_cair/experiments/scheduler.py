@@ -142,7 +142,7 @@ def run_cells(
     cells: Sequence[Cell], out: Path, runner: Runner, after: Callable[[], object]
 ) -> dict[str, str]:
     """Run all cells that are not finished; returns why cells failed, by name. `after` is called
-    when some have ended, once a minute at the most, and at the end.
+    when some have ended, once a minute at the most.
 
     An interrupt lets all running cells save; then KeyboardInterrupt is raised.
     """
@@ -167,5 +167,4 @@ def run_cells(
     finally:
         runner.stop()
         progress.close()
-        after()
     return failed

@@ -132,10 +132,10 @@ def _choose_round(plan: AdaptivePlan, games: Games, blocks: NDArray[np.int64]) -
     jobs: list[Job] = []
     while len(jobs) < max(JOBS_PER_ROUND, SHARE_PER_ROUND * num_jobs):
         half_widths, gaps = _predict_widths(curvature, num_agents, groups)
-        widest, allowed = _find_widest(half_widths * scale, may_play, met, plan.half_width_elo)
+        widest = _find_widest(half_widths * scale, may_play, met, plan.half_width_elo)
         if widest is None:
             return jobs
-        worth = np.where(allowed, gaps[widest] * information[widest], -1.0)
+        worth = np.where(may_play[widest], gaps[widest] * information[widest], -1.0)
         opponent = int(worth.argmax())
         pair = min(widest, opponent), max(widest, opponent)
         line_up = fill_line_up(pair, plan.num_teams, met)
@@ -160,18 +160,14 @@ def _find_widest(
     may_play: NDArray[np.bool_],
     met: NDArray[np.int64],
     enough: float,
-) -> tuple[int | None, NDArray[np.bool_]]:
-    """The agent whose interval is to shrink (None: all are narrow `enough`), and the opponents
-    [n] that it may play.
-    """
+) -> int | None:
+    """The agent whose interval is to shrink; None: all are narrow `enough`, or may not play."""
     has_none = half_widths == 0.0
-    early = may_play & (has_none & (met.sum(1) < ENOUGH_SWEPT))[:, None]
     widths = np.where(has_none, LEAST_WIDTH, half_widths)  # if only time ends, they play on at last
-    widths[early.any(1)] = math.inf
+    widths[has_none & (met.sum(1) < ENOUGH_SWEPT)] = math.inf
     widths[~may_play.any(1)] = 0.0
     widest = int(widths.argmax())
-    allowed = early[widest] if early[widest].any() else may_play[widest]
-    return (None if widths[widest] <= enough else widest), allowed
+    return None if widths[widest] <= enough else widest
 
 
 def measure_ladder(

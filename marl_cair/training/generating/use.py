@@ -136,9 +136,9 @@ def _begin_again(run: TrainingRun) -> None:
     """Switch the new generator on, and show it all of replay: it has seen nothing yet."""
     run.generator_is_on = True
     show_replay(run)
-    if run.is_offline:
+    if run.is_offline and run.generator is not None and run.generator_is_on:
         with _attempt(run, "observing held-out transitions"):
-            _hold_out(run)
+            _hold_out(run, run.generator)
 
 
 def show_replay(run: TrainingRun) -> None:
@@ -147,12 +147,10 @@ def show_replay(run: TrainingRun) -> None:
         observe_steps(run, slots)
 
 
-def _hold_out(run: TrainingRun) -> None:
+def _hold_out(run: TrainingRun, generator: Generator) -> None:
     rows = load_dataset(run.config.offline.dataset or "").heldout
     for places in torch.split(torch.arange(len(rows)), OBSERVED_ROWS):
-        part = complete_rows(rows, places, run.config.learner.reward_scale)
-        if run.generator is not None and run.generator_is_on:
-            run.generator.hold_out(part)
+        generator.hold_out(complete_rows(rows, places, run.config.learner.reward_scale))
 
 
 def _learn(run: TrainingRun, generator: Generator) -> None:
